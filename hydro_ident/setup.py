@@ -26,7 +26,7 @@ setup(
         "console_scripts": [
             "recorder = hydro_ident.bag.recorder:main",
             "player = hydro_ident.bag.player:main",
-            "identification_node = hydro_ident.identification_node:main",
+            "identification_node = hydro_ident.identify.identification_node:main",
             "check_robot = hydro_ident.commands.check_robot:main",
             "inspect = hydro_ident.commands.inspect:main",
             "tracking = hydro_ident.commands.tracking:main",
@@ -36,7 +36,7 @@ setup(
             "compare_tracking = hydro_ident.commands.compare_tracking:main",
             "convert = hydro_ident.commands.convert:main",
             "diagnose = hydro_ident.commands.diagnose:main",
-            "study = hydro_ident.commands.study:main",
+            "study = hydro_ident.study.command:main",
         ]
     },
 )

@@ -12,7 +12,7 @@ from hydro_control.gains import Gains
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.truth import Truth
 from hydro_hw_bridge.rig.truth_files import load_truth
-from hydro_ident.metrics import TRUTH_HALF_WIDTH, Tracking, tracking
+from hydro_ident.recordings.metrics import TRUTH_HALF_WIDTH, Tracking, tracking
 from hydro_ident.study.closed_loop import run_closed_loop
 from hydro_ident.study.gain_choice import exact_model
 from hydro_model.paths import TipPath

@@ -267,7 +267,7 @@ def test_parameter_tables_are_those_of_the_code(module: str, function: str) -> N
 @pytest.mark.parametrize(
     ("module", "parameters"),
     [
-        ("hydro_ident.identification_node", "_MEANT"),
+        ("hydro_ident.identify.identification_node", "_MEANT"),
         ("hydro_msgs_docs.visual_node", "_PARAMETERS"),
     ],
 )

@@ -279,7 +279,10 @@ def test_a_run_is_of_whatever_runs_in_it() -> None:
     beside = set(wall) - set(device)
     assert set(BESIDE) < beside
     # Not the files alone that are run, but what does the work in them, wherever it is imported.
-    for name in ("identification", "parameters", "sources", "bag/recorder_topics", "bag/writer"):
+    for name in (
+        *("identify/identification", "parameters/parameters", "recordings/sources"),
+        *("bag/recorder_topics", "bag/writer"),
+    ):
         assert f"hydro_ident/hydro_ident/{name}.py" in beside
     assert not [path for path in beside if "/commands/" in path]
 

@@ -247,10 +247,10 @@ def lay_out() -> Callable[..., Any]:
 
     Takes a run, those to verify on, and the effects that the robot's file lists.
     """
+    from hydro_ident.identify.survey import survey_source
     from hydro_ident.mismatch.settings import DiagnosisSettings
     from hydro_ident.mismatch.split.residuals import Residuals, residuals
-    from hydro_ident.sources import sources_of
-    from hydro_ident.survey import survey_source
+    from hydro_ident.recordings.sources import sources_of
 
     def laid(
         run: SimulatedRun,

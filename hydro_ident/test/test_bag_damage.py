@@ -21,7 +21,7 @@ from hydro_ident.bag.streaming import cut_recording, stream_recordings
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.commands.inspect import text_of
 from hydro_ident.errors import BagError
-from hydro_ident.inspection_reading import inspect_bag
+from hydro_ident.inspecting.inspection_reading import inspect_bag
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.cdr import JOINT_STATE, encode
 

@@ -11,7 +11,7 @@ from hydro_ident.bag.latches import latched_cycles
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import BagError
-from hydro_ident.inspection_reading import inspect_bag
+from hydro_ident.inspecting.inspection_reading import inspect_bag
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.cdr import JOINT_STATE, TEMPERATURE
 

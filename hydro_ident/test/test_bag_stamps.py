@@ -11,7 +11,7 @@ from hydro_ident.bag.recording import read_recording
 from hydro_ident.estimate.flows.chambers import EDGES
 from hydro_ident.estimate.flows.hydraulics import fit_hydraulics
 from hydro_ident.estimate.signals.traces import traces_of
-from hydro_ident.inspection_reading import inspect_bag
+from hydro_ident.inspecting.inspection_reading import inspect_bag
 
 START_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 2_000_000

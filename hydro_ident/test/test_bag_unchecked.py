@@ -14,10 +14,10 @@ from hydro_ident.commands.diagnose import run as diagnose
 from hydro_ident.commands.identify import run as identify
 from hydro_ident.commands.inspect import main as inspect
 from hydro_ident.commands.tracking import main as tracking
-from hydro_ident.recording_summary import recording_summaries
+from hydro_ident.identify.recording_summary import recording_summaries
+from hydro_ident.identify.survey import survey_source
+from hydro_ident.recordings.sources import bag_source
 from hydro_ident.report.recording_sections import health_section
-from hydro_ident.sources import bag_source
-from hydro_ident.survey import survey_source
 
 SAID = "not checksummed"
 Bags = tuple[Path, Path]

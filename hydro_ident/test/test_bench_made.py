@@ -22,7 +22,10 @@ def root(tmp_path: Path) -> Path:
     """A repository with a few sources, its page and a run."""
     for path in (
         *(LAW, "hydro_ident/hydro_ident/study/peak.py", "hydro_ident/hydro_ident/bench/page.py"),
-        *("hydro_ident/hydro_ident/study/oracle.py", "hydro_ident/hydro_ident/sources.py"),
+        *(
+            "hydro_ident/hydro_ident/study/oracle.py",
+            "hydro_ident/hydro_ident/recordings/sources.py",
+        ),
     ):
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text("x = 1\n")
@@ -44,7 +47,11 @@ def published(root: Path) -> str:
 
 def test_a_run_says_which_sources_it_measured(root: Path) -> None:
     run = json.loads((root / "docs/results/bench_made.json").read_text())
-    used = {LAW, "hydro_ident/hydro_ident/study/peak.py", "hydro_ident/hydro_ident/sources.py"}
+    used = {
+        LAW,
+        "hydro_ident/hydro_ident/study/peak.py",
+        "hydro_ident/hydro_ident/recordings/sources.py",
+    }
     assert set(run["sources"]) == used
     assert run["cores"] >= 1
     assert set(run["threads"]) == set(made.THREADS)

@@ -15,7 +15,7 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import Piece, cut_recording
 from hydro_ident.estimate.signals.bridging import Stretch, stretches
 from hydro_ident.estimate.signals.traces import traces_of, traces_of_piece
-from hydro_ident.identification import Settings, identify
+from hydro_ident.identify.identification import Settings, identify
 from hydro_ident.mismatch.answer.diagnosis import diagnose
 from hydro_ident.study.synthetic import synthetic_recording
 from hydro_model.robot import EffectSpec

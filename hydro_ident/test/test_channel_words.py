@@ -13,7 +13,7 @@ from hydro_ident.mismatch.rows.state_space import UNITS
 from hydro_ident.mismatch.trials.contender import at_a_bound
 from hydro_ident.mismatch.unnamed.describe import variables_of
 from hydro_ident.mismatch.unnamed.unknown import Unexplained
-from hydro_ident.parameters import effect_unit, viscous_unit
+from hydro_ident.parameters.parameters import effect_unit, viscous_unit
 from hydro_ident.report.unnamed_words import in_words
 from hydro_model.effects import resolve
 from hydro_model.robot import EffectSpec, Robot

@@ -17,8 +17,8 @@ import yaml
 
 from hydro_ident.commands.check_robot import main
 from hydro_ident.report.robot_drawing import POSES
-from hydro_ident.robot_check import ERROR, NOTE, WARNING, RobotCheck, check_robot
-from hydro_ident.robot_ranges import drawn_poses
+from hydro_ident.robots.robot_check import ERROR, NOTE, WARNING, RobotCheck, check_robot
+from hydro_ident.robots.robot_ranges import drawn_poses
 from hydro_model.cylinder import lever, stroke
 from hydro_model.errors import RobotError
 from hydro_model.rigid_body import potential_energy

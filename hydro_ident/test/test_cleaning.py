@@ -9,12 +9,12 @@ import pytest
 
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import Piece
-from hydro_ident.cleaning import Cleaner, without_outliers
 from hydro_ident.estimate.signals.signal_survey import Sensor, SignalSurvey
 from hydro_ident.estimate.signals.traces import traces_of
 from hydro_ident.estimate.signals.watched import SPIKE_SIGMAS, watched_sensors
-from hydro_ident.estimator_choice import SPIKE_SHARE, worst_sensor
-from hydro_ident.identification import identify
+from hydro_ident.identify.estimator_choice import SPIKE_SHARE, worst_sensor
+from hydro_ident.identify.identification import identify
+from hydro_ident.recordings.cleaning import Cleaner, without_outliers
 from hydro_ident.study.synthetic import synthetic_recording, with_outliers
 from hydro_model.robot import Robot
 

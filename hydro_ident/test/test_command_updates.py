@@ -11,11 +11,11 @@ import pytest
 
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import map_columns
-from hydro_ident.command_updates import UpdatedBetween, update_notes, with_updates
 from hydro_ident.estimate.signals.traces import traces_of
-from hydro_ident.identification import Identification, identify
-from hydro_ident.sources import MemorySource
-from hydro_ident.survey import survey_source
+from hydro_ident.identify.command_updates import UpdatedBetween, update_notes, with_updates
+from hydro_ident.identify.identification import Identification, identify
+from hydro_ident.identify.survey import survey_source
+from hydro_ident.recordings.sources import MemorySource
 from hydro_model.robot import Robot
 from hydro_model.simulate import simulate
 
@@ -74,7 +74,7 @@ def test_bulk_moduli_of_slow_logs_are_those_of_the_machine(
     off = _off(found)
     assert len(off) == 2
     assert max(map(abs, off.values())) < 0.02
-    monkeypatch.setattr("hydro_ident.command_updates.SLOW_S", 1.0)
+    monkeypatch.setattr("hydro_ident.identify.command_updates.SLOW_S", 1.0)
     assert _off(identify(robot, [slow]))["tilt_cylinder"] > held
     assert any(n.startswith("smooth: commands changed between its samples") for n in found.notes)
 

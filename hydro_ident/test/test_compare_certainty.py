@@ -12,14 +12,12 @@ from scipy import stats
 
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.commands.identify import parser, run, settings_of
-from hydro_ident.compare import Comparison, Sides, compare
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.scoring.scores import HoldOut, in_turns
 from hydro_ident.estimate.statistics.rows import Rows
-from hydro_ident.identification import Identification, identify
-from hydro_ident.model_statistics import Statistics, read_statistics, statistics_of
-from hydro_ident.parameters import Parameter
-from hydro_ident.significance import (
+from hydro_ident.identify.compare import Comparison, Sides, compare
+from hydro_ident.identify.identification import Identification, identify
+from hydro_ident.identify.significance import (
     CHANGED,
     NOT_CONCLUSIVE,
     f_tail,
@@ -28,6 +26,8 @@ from hydro_ident.significance import (
     wald,
     welch_dof,
 )
+from hydro_ident.parameters.model_statistics import Statistics, read_statistics, statistics_of
+from hydro_ident.parameters.parameters import Parameter
 from hydro_model.robot import EffectSpec, Robot
 
 EDGES = ("c_pa", "c_at", "c_pb", "c_bt")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_ident.design.experiment import LIMITS, design_excitation
 from hydro_ident.design.fourier import FourierDesign, Spectrum, start_blocks
 from hydro_ident.design.information import (
     ForceInformation,
@@ -30,8 +31,7 @@ from hydro_ident.estimate.flows.chambers import WindowSettings, chamber_rows, ch
 from hydro_ident.estimate.flows.hydraulics import fit_hydraulics
 from hydro_ident.estimate.forces.inertial import fit_inertial, force_model, force_rows
 from hydro_ident.estimate.signals.derivatives import FilterSettings
-from hydro_ident.experiment import LIMITS, design_excitation
-from hydro_ident.parameters import parameter_list
+from hydro_ident.parameters.parameters import parameter_list
 from hydro_model.joint_ranges import middle
 from hydro_model.paths_segments import Fourier
 from hydro_model.robot import EffectSpec, FloatArray, Robot

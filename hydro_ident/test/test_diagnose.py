@@ -16,6 +16,7 @@ import pytest
 import yaml
 
 from hydro_ident.commands.diagnose import main, run, summary_text, write_results
+from hydro_ident.identify.results import Provenance
 from hydro_ident.mismatch.answer import minor
 from hydro_ident.mismatch.answer.diagnosis import diagnose
 from hydro_ident.mismatch.answer.diagnosis_file import finding_dict
@@ -26,7 +27,6 @@ from hydro_ident.report.diagnosis_report import report_html
 from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
 from hydro_ident.report.diagnosis_views import law_views
 from hydro_ident.report.model_parameters import finding_rows
-from hydro_ident.results import Provenance
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.errors import HydroError
 from hydro_model.robot import EffectSpec, Robot

@@ -13,9 +13,9 @@ import pytest
 
 from hydro_ident.bag.recording import Recording
 from hydro_ident.commands.diagnose import run as diagnose_command
+from hydro_ident.identify.results import Provenance
 from hydro_ident.mismatch.answer.diagnosis import diagnose
 from hydro_ident.mismatch.answer.diagnosis_file import result_dict
-from hydro_ident.results import Provenance
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 

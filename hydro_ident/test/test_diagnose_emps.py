@@ -18,7 +18,7 @@ from scipy.io import loadmat
 from hydro_ident.commands.convert import run as convert
 from hydro_ident.mismatch.answer.diagnosis import diagnose
 from hydro_ident.mismatch.answer.outcome import Diagnosis
-from hydro_ident.sources import bag_source
+from hydro_ident.recordings.sources import bag_source
 from hydro_model.robot_files import load_robot
 
 REAL = os.environ.get("HYDRO_REAL_DATA", "")

@@ -18,7 +18,7 @@ from hydro_ident.commands.convert import run as convert
 from hydro_ident.logs.file import read_log
 from hydro_ident.mismatch.answer.diagnosis import diagnose
 from hydro_ident.mismatch.answer.outcome import Diagnosis
-from hydro_ident.sources import bag_source
+from hydro_ident.recordings.sources import bag_source
 from hydro_model.cylinder import lever, stroke
 from hydro_model.robot_files import load_robot, shipped_robots
 

@@ -15,8 +15,8 @@ from hydro_control.gains import Gains
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.random_truth import random_truth
 from hydro_ident.bag.recording import read_recording
-from hydro_ident.controller_file import controller_text
 from hydro_ident.errors import IdentError
+from hydro_ident.identify.controller_file import controller_text
 from hydro_ident.study import discovered
 from hydro_ident.study.closed_loop import run_closed_loop
 from hydro_ident.study.discovered_summary import summary_lines, summary_of

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from hydro_ident.commands import diagnose, identify
-from hydro_ident.parameter_names import parts_of
-from hydro_ident.parameters import effect_unit, viscous_unit
+from hydro_ident.parameters.parameter_names import parts_of
+from hydro_ident.parameters.parameters import effect_unit, viscous_unit
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot, shipped_robots
 

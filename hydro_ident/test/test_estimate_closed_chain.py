@@ -12,8 +12,8 @@ import pytest
 from hydro_ident.estimate.forces.closed_chain import expected_sizes
 from hydro_ident.estimate.forces.inertial import InertialFit, fit_inertial, force_model
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_ident.identified_robot import identified_robot
-from hydro_ident.model_file import write_model
+from hydro_ident.identify.identified_robot import identified_robot
+from hydro_ident.identify.model_file import write_model
 from hydro_model.base_parameters import base_map
 from hydro_model.cylinder import lever, stroke
 from hydro_model.rigid_body import inverse_dynamics

@@ -16,8 +16,8 @@ from hydro_ident.estimate.scoring.noise import encoder_noise, flow_noise, force_
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.signal_survey import Sensor, SignalSurvey
 from hydro_ident.estimate.signals.traces import traces_of
+from hydro_ident.identify.survey import still_joints_of
 from hydro_ident.mismatch.modelling.shots import sensor_noise
-from hydro_ident.survey import still_joints_of
 from hydro_model.robot import Robot
 
 STEP_M = 1.0e-4

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_ident.identification import Identification, Settings, identify
+from hydro_ident.identify.identification import Identification, Settings, identify
 from hydro_ident.study.synthetic import Noise, synthetic_recording, with_outliers
 from hydro_model.base_parameters import base_map
 from hydro_model.robot import Robot

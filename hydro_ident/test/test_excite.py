@@ -12,20 +12,20 @@ import yaml
 
 from hydro_control.errors import ControlError
 from hydro_control.motion_limits import refuse_fast
-from hydro_ident import experiment
 from hydro_ident.commands.excite import main, run
-from hydro_ident.design.information import ForceInformation, Residual
-from hydro_ident.design.limits import limit_ratios
-from hydro_ident.design.poses import static_poses
-from hydro_ident.design.prediction import predict
-from hydro_ident.errors import IdentError
-from hydro_ident.experiment import (
+from hydro_ident.design import experiment
+from hydro_ident.design.experiment import (
     LIMITS,
     Design,
     design_excitation,
     design_validation,
     start_pose,
 )
+from hydro_ident.design.information import ForceInformation, Residual
+from hydro_ident.design.limits import limit_ratios
+from hydro_ident.design.poses import static_poses
+from hydro_ident.design.prediction import predict
+from hydro_ident.errors import IdentError
 from hydro_ident.study.excitation import least_at_rest, repeated
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, load_path
@@ -287,7 +287,7 @@ def test_the_tip_keeps_to_what_the_controller_lets_through(
     path = design_validation(robot, np.array(START), 32.0, tmp_path).path
     usual = fastest_tip(robot, path)
     monkeypatch.setattr(
-        "hydro_ident.experiment.LIMITS", replace(LIMITS, tip_speed_m_s=0.5 * usual)
+        "hydro_ident.design.experiment.LIMITS", replace(LIMITS, tip_speed_m_s=0.5 * usual)
     )
     slow = design_validation(robot, np.array(START), 32.0, tmp_path).path
     assert 0.2 * usual < fastest_tip(robot, slow) <= 0.5 * usual

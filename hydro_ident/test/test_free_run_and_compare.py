@@ -13,14 +13,14 @@ import yaml
 
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.commands.identify import run
-from hydro_ident.compare import LEVEL, compare
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.scoring.scores import HoldOut
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import traces_of
-from hydro_ident.free_run import free_run
-from hydro_ident.parameters import Parameter
-from hydro_ident.rollout_windows import rolled_out, usable_pieces
+from hydro_ident.identify.compare import LEVEL, compare
+from hydro_ident.parameters.parameters import Parameter
+from hydro_ident.rollouts.free_run import free_run
+from hydro_ident.rollouts.rollout_windows import rolled_out, usable_pieces
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
@@ -266,8 +266,8 @@ def test_a_long_bag_is_run_in_parts(
 ) -> None:
     bag = write_bag(crane_run.columns())
     traces = traces_of([read_recording(bag, crane_run.robot)])
-    monkeypatch.setattr("hydro_ident.free_run.MOST_WINDOWS", 3)
-    monkeypatch.setattr("hydro_ident.free_run.MOST_WHOLE_S", 4.0)
+    monkeypatch.setattr("hydro_ident.rollouts.free_run.MOST_WINDOWS", 3)
+    monkeypatch.setattr("hydro_ident.rollouts.free_run.MOST_WHOLE_S", 4.0)
     result = free_run(crane_run.robot, crane_run.robot, traces, WHOLE)
     assert (result.windows, result.whole_runs) == (3, 1)
     gaps = np.diff(result.joints[0].time_s)

@@ -10,7 +10,7 @@ import pytest
 
 from hydro_ident.estimate.scoring.scores import HoldOut
 from hydro_ident.estimate.signals.traces import Trace, traces_of
-from hydro_ident.free_run import free_run
+from hydro_ident.rollouts.free_run import free_run
 from hydro_model.effects import Readings, read_with
 from hydro_model.robot import EffectSpec, Robot
 

@@ -11,8 +11,8 @@ import pytest
 from hydro_ident.estimate.scoring.scores import HoldOut
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import Trace, traces_of
-from hydro_ident.free_run import free_run
-from hydro_ident.rollout_windows import at_stops, usable_pieces
+from hydro_ident.rollouts.free_run import free_run
+from hydro_ident.rollouts.rollout_windows import at_stops, usable_pieces
 from hydro_model.cylinder import stroke
 from hydro_model.robot import EffectSpec, Robot
 

@@ -9,7 +9,7 @@ import pytest
 
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_ident.rollout_windows import rolled_out, usable_pieces
+from hydro_ident.rollouts.rollout_windows import rolled_out, usable_pieces
 from hydro_model.robot_files import load_robot
 
 VISCOUS = 215.0

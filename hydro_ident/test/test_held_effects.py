@@ -11,7 +11,7 @@ from hydro_ident.estimate.effects.listed_effects import ListedEffects
 from hydro_ident.estimate.forces.force_rows import force_rows
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_ident.job import planned_force_model
+from hydro_ident.identify.job import planned_force_model
 from hydro_model.cylinder import stroke
 from hydro_model.effects import Readings, read_with
 from hydro_model.robot import EffectSpec, Robot

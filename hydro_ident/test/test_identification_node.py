@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_ident.identification_node import run
+from hydro_ident.identify.identification_node import run
 from hydro_model.base_parameters import base_map
 from hydro_model.command import run_command
 from hydro_model.cylinder import lever
@@ -21,7 +21,7 @@ from hydro_model.robot import Robot
 
 pytestmark = pytest.mark.ros
 H = 0.002
-COMMAND = [sys.executable, "-m", "hydro_ident.identification_node"]
+COMMAND = [sys.executable, "-m", "hydro_ident.identify.identification_node"]
 
 
 def _environment() -> dict[str, str]:

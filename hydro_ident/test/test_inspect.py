@@ -19,10 +19,10 @@ from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import recording_of
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.commands.inspect import main, text_of
-from hydro_ident.complaints import Complaints
-from hydro_ident.health import find_irregularities
-from hydro_ident.inspection_reading import inspect_bag
-from hydro_ident.named_robot import named_robot
+from hydro_ident.inspecting.complaints import Complaints
+from hydro_ident.inspecting.health import find_irregularities
+from hydro_ident.inspecting.inspection_reading import inspect_bag
+from hydro_ident.inspecting.named_robot import named_robot
 from hydro_model import terminal
 from hydro_model.robot_files import shipped_robots
 from hydro_msgs_docs.cdr import JOINT_STATE

@@ -14,7 +14,7 @@ from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import BagError
-from hydro_ident.inspection_reading import inspect_bag
+from hydro_ident.inspecting.inspection_reading import inspect_bag
 from hydro_msgs_docs.cdr import JOINT_STATE
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_STATES, VALVE_COMMAND, VALVE_STATE
 

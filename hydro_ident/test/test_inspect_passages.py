@@ -17,9 +17,9 @@ from hydro_ident.bag.streaming import cut_recording
 from hydro_ident.bag.stretch_cycles import LearntError
 from hydro_ident.bag.stretches import Passage, Stretch, look_through
 from hydro_ident.errors import BagError
-from hydro_ident.inspection_reading import inspect_bag
-from hydro_ident.named_robot import named_robot
-from hydro_ident.signal_look import SignalLook
+from hydro_ident.inspecting.inspection_reading import inspect_bag
+from hydro_ident.inspecting.named_robot import named_robot
+from hydro_ident.inspecting.signal_look import SignalLook
 from hydro_ident.study.long_bag import write_repeated
 
 N = 900

@@ -11,8 +11,8 @@ import pytest
 
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.bag.writer import BagWriter
-from hydro_ident.inspection import ranges_of
-from hydro_ident.inspection_reading import inspect_bag
+from hydro_ident.inspecting.inspection import ranges_of
+from hydro_ident.inspecting.inspection_reading import inspect_bag
 from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import JOINT_STATE
 from hydro_msgs_docs.topics import JOINT_STATES

@@ -14,9 +14,9 @@ from hydro_ident.bag import writer
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.bag.stretches import Passage, Stretch
 from hydro_ident.errors import BagError
-from hydro_ident.health import find_irregularities
-from hydro_ident.inspection import ranges_of
-from hydro_ident.inspection_reading import inspect_bag
+from hydro_ident.inspecting.health import find_irregularities
+from hydro_ident.inspecting.inspection import ranges_of
+from hydro_ident.inspecting.inspection_reading import inspect_bag
 from hydro_model.robot import Robot
 from hydro_msgs_docs.topics import VALVE_COMMAND, VALVE_STATE
 

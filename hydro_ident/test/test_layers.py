@@ -12,6 +12,11 @@ import hydro_ident
 FOLDER = Path(hydro_ident.__file__).parent
 #: Packages and modules, as architecture.md has them.
 ORDERS = {
+    "": (
+        *("errors", "everyday_units", "json_numbers", "transducers", "optional", "bag", "logs"),
+        *("robots", "inspecting", "estimate", "parameters", "recordings", "rollouts", "design"),
+        *("identify", "mismatch", "report", "commands", "study", "bench"),
+    ),
     "estimate": ("bodies", "statistics", "signals", "forces", "flows", "scoring", "effects"),
     "mismatch": (
         *("settings", "rows", "fitting", "trials", "split", "locating", "naming", "verifying"),
@@ -22,7 +27,8 @@ ORDERS = {
 
 def _imported(path: Path, parent: str) -> set[str]:
     """Parts of a package that a module imports from, at its head or in functions."""
-    prefix, names = f"hydro_ident.{parent}.", set[str]()
+    prefix = f"hydro_ident.{parent}." if parent else "hydro_ident."
+    names = set[str]()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module:
             names.add(node.module)

@@ -15,8 +15,8 @@ from hydro_ident.estimate.flows.chambers import chambers_of
 from hydro_ident.estimate.flows.hydraulics import fit_hydraulics
 from hydro_ident.estimate.forces.inertial import fit_inertial
 from hydro_ident.estimate.signals.traces import Trace, traces_of
-from hydro_ident.identified_robot import identified_robot
-from hydro_ident.job import planned_force_model
+from hydro_ident.identify.identified_robot import identified_robot
+from hydro_ident.identify.job import planned_force_model
 from hydro_model.effects.rows import signal_rows
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.signals import TIP_HEIGHT

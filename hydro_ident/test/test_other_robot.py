@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from hydro_ident.commands.inspect import main
-from hydro_ident.sources import sources_of
-from hydro_ident.survey import recorded_notes, survey_source
-from hydro_ident.verdict import NOT_ENOUGH, judge
+from hydro_ident.identify.survey import recorded_notes, survey_source
+from hydro_ident.identify.verdict import NOT_ENOUGH, judge
+from hydro_ident.recordings.sources import sources_of
 from hydro_model.robot_files import load_robot
 
 

@@ -14,10 +14,10 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import map_columns
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.traces import traces_of_piece
-from hydro_ident.health import find_irregularities
+from hydro_ident.inspecting.health import find_irregularities
 from hydro_ident.mismatch.rows.choices import Choices, choices_of
 from hydro_ident.mismatch.split.residuals import own_forces
-from hydro_ident.sources import MemorySource
+from hydro_ident.recordings.sources import MemorySource
 from hydro_model.robot_files import load_robot
 
 RATE_HZ, SECONDS, EVERY = 1000.0, 20.0, 16

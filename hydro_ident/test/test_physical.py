@@ -9,14 +9,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from hydro_ident.consistent_robot import (
-    PhysicalResult,
-    impossible,
-    physical_dict,
-    physical_result,
-    reference_values,
-    with_standard_parameters,
-)
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.bodies.physical import (
     BaseEstimate,
@@ -25,9 +17,17 @@ from hydro_ident.estimate.bodies.physical import (
     told_distance,
 )
 from hydro_ident.estimate.bodies.pseudo_inertia import bodies_of
-from hydro_ident.model_file import write_model
+from hydro_ident.identify.consistent_robot import (
+    PhysicalResult,
+    impossible,
+    physical_dict,
+    physical_result,
+    reference_values,
+    with_standard_parameters,
+)
+from hydro_ident.identify.model_file import write_model
+from hydro_ident.identify.urdf_file import write_urdf
 from hydro_ident.study.consistency import random_robot, table
-from hydro_ident.urdf_file import write_urdf
 from hydro_model.base_parameters import base_map, with_base
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import STANDARD_PARAMETERS, BaseParameter, FloatArray, Robot

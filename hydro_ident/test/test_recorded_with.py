@@ -15,14 +15,14 @@ from hydro_ident.bag.recorded_with import recorded_apart, recorded_with
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.commands.identify import summary_text
 from hydro_ident.errors import BagError
-from hydro_ident.identification import identify
-from hydro_ident.recording_summary import recording_summaries
+from hydro_ident.identify.identification import identify
+from hydro_ident.identify.recording_summary import recording_summaries
+from hydro_ident.identify.results import Provenance
+from hydro_ident.identify.survey import recorded_notes, survey_source
+from hydro_ident.recordings.sources import bag_source, sources_of
 from hydro_ident.report.provenance_section import provenance_section
 from hydro_ident.report.recording_sections import health_section
 from hydro_ident.report.verdict_words import health_line
-from hydro_ident.results import Provenance
-from hydro_ident.sources import bag_source, sources_of
-from hydro_ident.survey import recorded_notes, survey_source
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.cdr import JOINT_STATE
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from hydro_ident.recording_summary import recording_summaries
-from hydro_ident.sources import sources_of
-from hydro_ident.survey import survey_source
+from hydro_ident.identify.recording_summary import recording_summaries
+from hydro_ident.identify.survey import survey_source
+from hydro_ident.recordings.sources import sources_of
 from hydro_model.robot import Robot
 
 

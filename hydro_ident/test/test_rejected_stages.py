@@ -12,19 +12,19 @@ import pytest
 
 from hydro_ident.bag.recording import Recording
 from hydro_ident.commands.identify import summary_text
-from hydro_ident.compare import compare
 from hydro_ident.estimate.flows.cylinder_fit import CylinderFit
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit
 from hydro_ident.estimate.forces.bounds import conditioned
-from hydro_ident.estimation import Estimates
-from hydro_ident.identification import Identification, Settings, identify
-from hydro_ident.identification_node import determined
-from hydro_ident.parameters import parameter_list
-from hydro_ident.rejection import within_bounds
+from hydro_ident.identify.compare import compare
+from hydro_ident.identify.estimation import Estimates
+from hydro_ident.identify.identification import Identification, Settings, identify
+from hydro_ident.identify.identification_node import determined
+from hydro_ident.identify.rejection import within_bounds
+from hydro_ident.identify.results import Provenance, result_dict
+from hydro_ident.parameters.parameters import parameter_list
 from hydro_ident.report.channel_rows import REJECTED
 from hydro_ident.report.identification_report import report_html
 from hydro_ident.report.page import written
-from hydro_ident.results import Provenance, result_dict
 from hydro_ident.study.synthetic import STEP_S, Noise, synthetic_recording
 from hydro_model.cylinder import lever
 from hydro_model.effects.catalogue import resolve

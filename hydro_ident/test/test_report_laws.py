@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.commands.diagnose import summary_text
+from hydro_ident.identify.results import Provenance
 from hydro_ident.mismatch.answer.diagnosis import diagnose
 from hydro_ident.mismatch.answer.diagnosis_file import as_modelled, result_json
 from hydro_ident.mismatch.answer.not_testable import NotTestable
@@ -27,7 +28,6 @@ from hydro_ident.report.law_section import LawView, law_section
 from hydro_ident.report.model_parameters import finding_rows
 from hydro_ident.report.page import number
 from hydro_ident.report.parameter_section import ParameterRow, beside_bound
-from hydro_ident.results import Provenance
 from hydro_model.robot import EffectSpec, FloatArray, Robot
 from hydro_model.robot_files import load_robot
 

@@ -8,10 +8,9 @@ import re
 import numpy as np
 import pytest
 
-from hydro_ident.free_run import FreeRun, JointRollout
-from hydro_ident.inspection import Range
-from hydro_ident.parameters import Parameter
-from hydro_ident.recording_summary import JointMotion, RecordingSummary
+from hydro_ident.identify.recording_summary import JointMotion, RecordingSummary
+from hydro_ident.inspecting.inspection import Range
+from hydro_ident.parameters.parameters import Parameter
 from hydro_ident.report.page import Row, number, paragraph, percent, table, written
 from hydro_ident.report.palette import JOINTS, joint_colour
 from hydro_ident.report.parameter_section import (
@@ -22,6 +21,7 @@ from hydro_ident.report.parameter_section import (
 )
 from hydro_ident.report.recording_sections import excitation_section, health_section
 from hydro_ident.report.verdict_words import free_run_line
+from hydro_ident.rollouts.free_run import FreeRun, JointRollout
 
 
 def test_what_is_not_determined_is_grey_and_says_why() -> None:

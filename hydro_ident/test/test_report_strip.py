@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from hydro_ident.identify.verdict import recorded_as_others
 from hydro_ident.mismatch.answer.outcome import (
     EXPLAINED,
     MATCHES,
@@ -29,7 +30,6 @@ from hydro_ident.report.channel_rows import ChannelRows, channel_rows
 from hydro_ident.report.diagnosis_verdict import _next, diagnosis_verdict
 from hydro_ident.report.unnamed_words import in_words, unnamed_part
 from hydro_ident.report.verdict_words import DRIVE
-from hydro_ident.verdict import recorded_as_others
 from hydro_model.robot_files import load_robot
 
 NONE = np.zeros(0)

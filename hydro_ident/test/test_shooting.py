@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
+from hydro_ident.identify.survey import survey_source
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.fitting.zeros import of_zeros
@@ -19,8 +20,7 @@ from hydro_ident.mismatch.modelling.refinement import Refinement, refine
 from hydro_ident.mismatch.modelling.shooting import Solution, Unknowns, shoot
 from hydro_ident.mismatch.settings import DiagnosisSettings, RefineSettings
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
-from hydro_ident.sources import sources_of
-from hydro_ident.survey import survey_source
+from hydro_ident.recordings.sources import sources_of
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from hydro_ident.bag.streaming import COLUMNS, OVERLAP_S, PIECE_S, Piece
 from hydro_ident.errors import IdentError
-from hydro_ident.sources import Source, bag_sources, short_kept
-from hydro_ident.survey import survey_source
+from hydro_ident.identify.survey import survey_source
+from hydro_ident.recordings.sources import Source, bag_sources, short_kept
 from hydro_model.robot import Robot
 
 

@@ -18,12 +18,12 @@ from hydro_ident.bag.streaming import Piece, cut_recording, stream_recordings
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.commands.identify import main
 from hydro_ident.errors import BagError, IdentError
-from hydro_ident.identification import Identification, Settings, identify
-from hydro_ident.sources import BagSource
+from hydro_ident.identify.identification import Identification, Settings, identify
+from hydro_ident.identify.survey import survey_source
+from hydro_ident.recordings.sources import BagSource
+from hydro_ident.recordings.workers import DaskWorkers
 from hydro_ident.study.long_bag import write_repeated
 from hydro_ident.study.synthetic import synthetic_recording
-from hydro_ident.survey import survey_source
-from hydro_ident.workers import DaskWorkers
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from hydro_ident.commands.study import main, run
 from hydro_ident.errors import IdentError
 from hydro_ident.study.archive import pack, unpack
+from hydro_ident.study.command import main, run
 from hydro_ident.study.conceal import ANSWERS, ORACLES, TRUTHS, write_json
 
 PLAN = {"cases": 9, "seed": 4, "frozen": None}

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.commands import diagnose
-from hydro_ident.results import RESULT_FILE
+from hydro_ident.identify.results import RESULT_FILE
 from hydro_ident.study.conceal import CASES, TRUTHS, read_json, write_case
 from hydro_ident.study.experiments import Motion
 from hydro_ident.study.generate import CaseSpec, make_case

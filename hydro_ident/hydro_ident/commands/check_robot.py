@@ -12,7 +12,7 @@ from hydro_model.output import add_json, report, write_text
 from hydro_model.terminal import coloured
 
 if TYPE_CHECKING:
-    from hydro_ident.robot_check import RobotCheck
+    from hydro_ident.robots.robot_check import RobotCheck
 
 _COLOURS = {"error": "red", "warning": "yellow"}
 
@@ -44,7 +44,7 @@ def _parser() -> argparse.ArgumentParser:
 def _run(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(arguments)
     from hydro_ident.optional import installed, say_if_no_report
-    from hydro_ident.robot_check import check_robot
+    from hydro_ident.robots.robot_check import check_robot
     from hydro_model.robot_files import load_robot
 
     if options.out is not None:

@@ -13,7 +13,7 @@ from hydro_model.output import add_json, report
 from hydro_model.terminal import advance, progress_bar
 
 if TYPE_CHECKING:
-    from hydro_ident.metrics import Tracking
+    from hydro_ident.recordings.metrics import Tracking
 
 #: A run faster than its reference by more than this share is void: rho rewards oscillation.
 SPEED_EXCESS = 0.10

@@ -69,10 +69,10 @@ def run(arguments: Sequence[str]) -> int:
 
 def _convert(options: argparse.Namespace) -> int:
     from hydro_ident.bag.provenance import software_version
+    from hydro_ident.identify.origin import bag_sha256
     from hydro_ident.logs.convert import convert
     from hydro_ident.logs.file import read_log
     from hydro_ident.logs.map import read_map
-    from hydro_ident.origin import bag_sha256
 
     mapping = read_map(options.map)
     log = read_log(options.log, mapping.layout)

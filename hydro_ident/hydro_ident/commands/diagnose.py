@@ -15,8 +15,8 @@ from hydro_model.output import STDOUT, add_json, report
 from hydro_model.terminal import progress_bar
 
 if TYPE_CHECKING:
+    from hydro_ident.identify.results import Provenance
     from hydro_ident.mismatch.answer.outcome import Diagnosis, Finding
-    from hydro_ident.results import Provenance
 
 _EPILOG = """\
 DIR gets result.json and report.html and, unless the data were not enough, model.yaml (a robot
@@ -100,15 +100,15 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
     RobotError
         The robot file says what cannot be.
     """
-    from hydro_ident.earlier_result import earlier_result
+    from hydro_ident.identify.earlier_result import earlier_result
+    from hydro_ident.identify.origin import provenance
+    from hydro_ident.identify.results import REPORT_FILE
     from hydro_ident.mismatch.answer.diagnosis import diagnose
     from hydro_ident.mismatch.answer.diagnosis_file import result_dict
     from hydro_ident.mismatch.answer.outcome import NOT_ENOUGH
     from hydro_ident.mismatch.settings import DiagnosisSettings, RefineSettings
     from hydro_ident.optional import say_if_no_report
-    from hydro_ident.origin import provenance
-    from hydro_ident.results import REPORT_FILE
-    from hydro_ident.sources import bag_sources
+    from hydro_ident.recordings.sources import bag_sources
     from hydro_model.robot_files import load_robot
 
     say_if_no_report("diagnose", REPORT_FILE, "all other files are")
@@ -158,11 +158,11 @@ def write_results(found: Diagnosis, origin: Provenance, folder: Path) -> None:
     IdentError
         The folder cannot be written; what was there stays.
     """
+    from hydro_ident.identify.model_file import write_model
+    from hydro_ident.identify.results import MODEL_FILE, write_outcome
     from hydro_ident.mismatch.answer.diagnosis_file import result_json
-    from hydro_ident.model_file import write_model
     from hydro_ident.optional import installed
     from hydro_ident.report.diagnosis_report import report_html
-    from hydro_ident.results import MODEL_FILE, write_outcome
 
     robot = found.robot
 
@@ -181,9 +181,9 @@ def write_results(found: Diagnosis, origin: Provenance, folder: Path) -> None:
 def summary_text(found: Diagnosis) -> str:
     """The result as lines for the terminal."""
     from hydro_ident.everyday_units import bracketed, told
+    from hydro_ident.identify.validation_results import rollout_lines
     from hydro_ident.mismatch.answer.diagnosis_file import channel_dict
     from hydro_ident.mismatch.unnamed.describe import each_form, form_text
-    from hydro_ident.validation_results import rollout_lines
 
     lines = [f"verdict: {found.verdict}"]
     lines += [f"problem: {text}" for text in found.problems]

@@ -15,8 +15,8 @@ from hydro_model.output import add_json, report
 from hydro_model.terminal import advance, progress_bar
 
 if TYPE_CHECKING:
+    from hydro_ident.design.experiment import Design
     from hydro_ident.design.information import Residual
-    from hydro_ident.experiment import Design
     from hydro_model.robot import FloatArray, Robot
 
 EXCITATION_FILE, VALIDATION_FILE = "excitation.yaml", "validation.yaml"
@@ -82,16 +82,16 @@ def run(arguments: Sequence[str]) -> int:
     options = parser().parse_args(arguments)
     import numpy as np
 
-    from hydro_ident.design.prediction import cavitating, predicted_json
-    from hydro_ident.errors import IdentError
-    from hydro_ident.experiment import (
+    from hydro_ident.design.experiment import (
         DESIGN_STAGES,
         design_excitation,
         design_validation,
         path_text,
         start_pose,
     )
-    from hydro_ident.results import write_together
+    from hydro_ident.design.prediction import cavitating, predicted_json
+    from hydro_ident.errors import IdentError
+    from hydro_ident.identify.results import write_together
     from hydro_model.effects.catalogue import resolve
     from hydro_model.robot_files import load_robot
 

@@ -15,10 +15,10 @@ from hydro_model.output import STDOUT, add_json, report
 from hydro_model.terminal import progress_bar
 
 if TYPE_CHECKING:
-    from hydro_ident.identification import Identification, Settings
-    from hydro_ident.model_statistics import Statistics
-    from hydro_ident.parameters import Parameter
-    from hydro_ident.results import Provenance
+    from hydro_ident.identify.identification import Identification, Settings
+    from hydro_ident.identify.results import Provenance
+    from hydro_ident.parameters.model_statistics import Statistics
+    from hydro_ident.parameters.parameters import Parameter
 
 _EPILOG = """\
 DIR gets result.json and report.html and, unless the data were not enough, model.yaml (a robot
@@ -119,17 +119,17 @@ def parser() -> argparse.ArgumentParser:
 def run(arguments: Sequence[str]) -> int:
     """Body of the command; returns its exit code."""
     options = parser().parse_args(arguments)
-    from hydro_ident.compare import Sides, compare
-    from hydro_ident.earlier_model import check_same_machine
-    from hydro_ident.earlier_result import earlier_result
-    from hydro_ident.identification import identify
-    from hydro_ident.model_statistics import Statistics, read_statistics
+    from hydro_ident.identify.compare import Sides, compare
+    from hydro_ident.identify.earlier_model import check_same_machine
+    from hydro_ident.identify.earlier_result import earlier_result
+    from hydro_ident.identify.identification import identify
+    from hydro_ident.identify.origin import provenance
+    from hydro_ident.identify.results import REPORT_FILE, result_dict
+    from hydro_ident.identify.verdict import NOT_ENOUGH
     from hydro_ident.optional import require, say_if_no_report
-    from hydro_ident.origin import provenance
-    from hydro_ident.results import REPORT_FILE, result_dict
-    from hydro_ident.sources import bag_sources
-    from hydro_ident.verdict import NOT_ENOUGH
-    from hydro_ident.workers import workers_at
+    from hydro_ident.parameters.model_statistics import Statistics, read_statistics
+    from hydro_ident.recordings.sources import bag_sources
+    from hydro_ident.recordings.workers import workers_at
     from hydro_model.robot_files import load_robot
 
     require("clarabel", "bodies that can exist")
@@ -189,7 +189,7 @@ def settings_of(options: argparse.Namespace) -> Settings:
     """
     from hydro_ident.errors import IdentError
     from hydro_ident.estimate.signals.derivatives import FilterSettings
-    from hydro_ident.identification import Settings
+    from hydro_ident.identify.identification import Settings
 
     chosen = {field: getattr(options, name) for name, field in _FILTER_OPTIONS.items()}
     if options.hold_out < 0 or options.hold_out == 1:
@@ -218,7 +218,7 @@ def found_statistics(found: Identification, origin: Provenance) -> Statistics:
 
     `origin` names the bags.
     """
-    from hydro_ident.model_statistics import statistics_of
+    from hydro_ident.parameters.model_statistics import statistics_of
 
     return statistics_of(
         found.parameters, found.inertial, found.hydraulic, found.channels, origin.bags
@@ -239,11 +239,11 @@ def write_results(found: Identification, origin: Provenance, folder: Path) -> No
     IdentError
         The folder cannot be written; what was there stays.
     """
-    from hydro_ident.model_file import write_model
+    from hydro_ident.identify.model_file import write_model
+    from hydro_ident.identify.results import MODEL_FILE, URDF_FILE, result_json, write_outcome
+    from hydro_ident.identify.urdf_file import write_urdf
     from hydro_ident.optional import installed
     from hydro_ident.report.identification_report import report_html
-    from hydro_ident.results import MODEL_FILE, URDF_FILE, result_json, write_outcome
-    from hydro_ident.urdf_file import write_urdf
 
     robot = found.robot
 
@@ -263,7 +263,7 @@ def write_results(found: Identification, origin: Provenance, folder: Path) -> No
 
 def summary_text(found: Identification) -> str:
     """The result as a table for the terminal."""
-    from hydro_ident.validation_results import comparison_lines, rollout_lines
+    from hydro_ident.identify.validation_results import comparison_lines, rollout_lines
 
     lines = [f"verdict: {found.verdict}"]
     if found.estimator is not None:
@@ -279,7 +279,7 @@ def summary_text(found: Identification) -> str:
 
 def _parameter_lines(found: Identification) -> list[str]:
     from hydro_ident.everyday_units import beside
-    from hydro_ident.parameters import student_95
+    from hydro_ident.parameters.parameters import student_95
 
     names = [_short(p) for p in found.parameters]
     width = max(map(len, names), default=0)
@@ -297,7 +297,7 @@ def _parameter_lines(found: Identification) -> list[str]:
 
 def _channel_lines(found: Identification) -> list[str]:
     from hydro_ident.everyday_units import bracketed
-    from hydro_ident.rejection import rejected_channels
+    from hydro_ident.identify.rejection import rejected_channels
 
     rejected = rejected_channels(found.given, found.inertial, found.hydraulic)
     lines = []

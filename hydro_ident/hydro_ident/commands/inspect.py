@@ -13,7 +13,7 @@ from hydro_model.output import add_json, report
 from hydro_model.terminal import advance, coloured, progress_bar
 
 if TYPE_CHECKING:
-    from hydro_ident.inspection import Inspection
+    from hydro_ident.inspecting.inspection import Inspection
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -37,7 +37,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(arguments)
-    from hydro_ident.inspection_reading import inspect_bag
+    from hydro_ident.inspecting.inspection_reading import inspect_bag
     from hydro_model.robot_files import load_robot
 
     # Before the bag, which may take long.

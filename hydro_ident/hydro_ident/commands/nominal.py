@@ -46,8 +46,8 @@ def run(arguments: Sequence[str]) -> int:
     """Body of the command; returns its exit code."""
     options = parser().parse_args(arguments)
     from hydro_ident.errors import IdentError
-    from hydro_ident.identified_robot import with_edge_coefficient, with_viscous_friction
-    from hydro_ident.model_file import write_model
+    from hydro_ident.identify.identified_robot import with_edge_coefficient, with_viscous_friction
+    from hydro_ident.identify.model_file import write_model
     from hydro_model.robot_files import load_robot
 
     coefficient = options.edge_coefficient

@@ -15,7 +15,7 @@ from hydro_model.terminal import advance, progress_bar
 if TYPE_CHECKING:
     from hydro_ident.bag.reader import Bag
     from hydro_ident.bag.recording import Recording
-    from hydro_ident.metrics import Tracking
+    from hydro_ident.recordings.metrics import Tracking
     from hydro_model.robot import Robot
     from hydro_msgs_docs.cdr import FloatArray
 
@@ -43,7 +43,7 @@ def _run(arguments: Sequence[str]) -> int:
     from hydro_ident.bag.reader import read_bag
     from hydro_ident.bag.recording import RECORDING_TOPICS
     from hydro_ident.errors import BagError
-    from hydro_ident.named_robot import named_robot
+    from hydro_ident.inspecting.named_robot import named_robot
     from hydro_model.robot_files import load_robot
 
     with progress_bar():
@@ -103,8 +103,8 @@ def tracking_of(bag: Bag, robot: Robot, truth: Path | None = None) -> dict[str, 
 
     from hydro_ident.bag.recording import recording_of
     from hydro_ident.errors import BagError
-    from hydro_ident.metrics import ENCODER_HALF_WIDTH, TRUTH_HALF_WIDTH, tracking
-    from hydro_ident.truth_file import true_tip_m
+    from hydro_ident.recordings.metrics import ENCODER_HALF_WIDTH, TRUTH_HALF_WIDTH, tracking
+    from hydro_ident.recordings.truth_file import true_tip_m
     from hydro_model.kinematics import tip_position
 
     recording = recording_of(bag, robot)

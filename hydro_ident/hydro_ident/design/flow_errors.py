@@ -23,7 +23,7 @@ from hydro_ident.estimate.flows.chambers import (
 from hydro_ident.estimate.scoring.noise import flow_noise
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.least_squares import collinearity
-from hydro_ident.parameters import effect_unit, listed_value
+from hydro_ident.parameters.parameters import effect_unit, listed_value
 from hydro_model.robot import FloatArray
 
 _EDGES = ("c_pa", "c_at", "c_pb", "c_bt")

@@ -33,7 +33,7 @@ from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.least_squares import collinearity
 from hydro_ident.json_numbers import finite
-from hydro_ident.parameters import effect_unit, listed_value, viscous_unit
+from hydro_ident.parameters.parameters import effect_unit, listed_value, viscous_unit
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, FloatArray, Robot
 
 __all__ = [

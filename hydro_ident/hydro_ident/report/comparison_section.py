@@ -5,10 +5,10 @@ from __future__ import annotations
 from html import escape
 from pathlib import PurePath
 
-from hydro_ident.compare import Change, Comparison
+from hydro_ident.identify.compare import Change, Comparison
+from hydro_ident.identify.validation_results import comparison_text, joint_text
 from hydro_ident.report.figure import unit_text
 from hydro_ident.report.page import bullets, number, table
-from hydro_ident.validation_results import comparison_text, joint_text
 
 
 def comparison_part(found: Comparison | None) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from hydro_ident.identify.verdict import RECORDED_AS
 from hydro_ident.mismatch.answer.diagnosis_file import finding_dict
 from hydro_ident.mismatch.answer.outcome import (
     EXPLAINED,
@@ -34,7 +35,6 @@ from hydro_ident.report.verdict_words import (
     plain,
     shortened,
 )
-from hydro_ident.verdict import RECORDED_AS
 
 _HEADLINES = {
     MATCHES: (

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hydro_ident.free_run import FreeRun, JointRollout
 from hydro_ident.report.figure import Figure, axis_title, line, one_after_another
 from hydro_ident.report.page import Row, Section, bullets, number, paragraph, table
 from hydro_ident.report.palette import BEFORE, INK, joint_colour
+from hydro_ident.rollouts.free_run import FreeRun, JointRollout
 
 _LEAD = (
     "Each model is started from the recorded state and then gets the recorded valve voltages with"

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 from hydro_ident.estimate.scoring.scores import ChannelScore
-from hydro_ident.identification import Identification
-from hydro_ident.model_error import model_error_note
-from hydro_ident.rejection import rejected_channels, rejections
+from hydro_ident.identify.identification import Identification
+from hydro_ident.identify.model_error import model_error_note
+from hydro_ident.identify.rejection import rejected_channels, rejections
 from hydro_ident.report.channel_rows import ChannelRows, channel_rows, joint_speed
 from hydro_ident.report.comparison_section import comparison_part
 from hydro_ident.report.correlation_section import correlation_section

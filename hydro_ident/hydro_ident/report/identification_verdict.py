@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from hydro_ident.consistent_robot import impossible
-from hydro_ident.identification import Identification
-from hydro_ident.model_error import left_out
-from hydro_ident.parameters import Parameter
-from hydro_ident.rejection import rejected_channels
+from hydro_ident.identify.consistent_robot import impossible
+from hydro_ident.identify.identification import Identification
+from hydro_ident.identify.model_error import left_out
+from hydro_ident.identify.rejection import rejected_channels
+from hydro_ident.identify.verdict import IDENTIFIED, NOT_ENOUGH, RECORDED_AS
+from hydro_ident.parameters.parameters import Parameter
 from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.figure import unit_text
 from hydro_ident.report.page import Verdict, also, number, percent
@@ -23,7 +24,6 @@ from hydro_ident.report.verdict_words import (
     plain,
     shortened,
 )
-from hydro_ident.verdict import IDENTIFIED, NOT_ENOUGH, RECORDED_AS
 
 #: Parameters that are named as differing.
 _NAMED = 4

@@ -9,7 +9,7 @@ import numpy as np
 
 from hydro_ident.mismatch.answer.diagnosis_file import finding_dict
 from hydro_ident.mismatch.answer.outcome import Diagnosis, Finding
-from hydro_ident.parameters import COMMAND_DELAY, NORMAL_95, Parameter
+from hydro_ident.parameters.parameters import COMMAND_DELAY, NORMAL_95, Parameter
 from hydro_ident.report.found_words import corners, law_in_model
 from hydro_ident.report.parameter_section import ParameterRow, beside_bound, identified_row
 from hydro_ident.report.verdict_words import plain

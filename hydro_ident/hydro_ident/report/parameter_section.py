@@ -9,8 +9,8 @@ import numpy as np
 
 from hydro_ident.estimate.forces.bounds import effect_bounds
 from hydro_ident.everyday_units import everyday, rounded
-from hydro_ident.parameter_names import parts_of
-from hydro_ident.parameters import COMMAND_DELAY, Parameter
+from hydro_ident.parameters.parameter_names import parts_of
+from hydro_ident.parameters.parameters import COMMAND_DELAY, Parameter
 from hydro_ident.report.figure import Figure, unit_text
 from hydro_ident.report.page import Row, also, folded, number, paragraph, percent, table
 from hydro_ident.report.palette import joint_colour, joint_symbol

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from hydro_ident.consistent_robot import PhysicalResult, body_dict
 from hydro_ident.estimate.bodies.physical import ConsistentBody
 from hydro_ident.estimate.flows.chambers import INVERSE_BULK
 from hydro_ident.estimate.flows.summed_flow import SummedComparison
+from hydro_ident.identify.consistent_robot import PhysicalResult, body_dict
 from hydro_ident.report.page import bullets, number, table
 
 

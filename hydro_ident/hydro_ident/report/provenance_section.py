@@ -7,7 +7,7 @@ from importlib import metadata
 from typing import Any
 
 from hydro_ident.bag.recorded_with import RecordedWith
-from hydro_ident.recording_summary import RecordingSummary
+from hydro_ident.identify.recording_summary import RecordingSummary
 from hydro_ident.report.page import Section, bullets, table
 
 _HASHED = (

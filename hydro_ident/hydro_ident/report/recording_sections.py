@@ -6,8 +6,9 @@ import math
 from collections.abc import Sequence
 
 from hydro_ident.everyday_units import everyday, rounded
-from hydro_ident.inspection import Range
-from hydro_ident.recording_summary import JointMotion, RecordingSummary
+from hydro_ident.identify.recording_summary import JointMotion, RecordingSummary
+from hydro_ident.identify.verdict import BagLoss
+from hydro_ident.inspecting.inspection import Range
 from hydro_ident.report.figure import Figure, axis_title, path, unit_text
 from hydro_ident.report.page import (
     Row,
@@ -23,7 +24,6 @@ from hydro_ident.report.page import (
 )
 from hydro_ident.report.palette import joint_colour
 from hydro_ident.report.verdict_words import plain
-from hydro_ident.verdict import BagLoss
 
 _NONE = "No recording could be read."
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from hydro_ident.report.figure import Figure, numbers
 from hydro_ident.report.palette import BEFORE, INK, joint_colour
-from hydro_ident.robot_ranges import drawn_poses
+from hydro_ident.robots.robot_ranges import drawn_poses
 from hydro_model.closed_chain import part_places
 from hydro_model.cylinder import stroke
 from hydro_model.joint_ranges import limits

@@ -10,8 +10,8 @@ from hydro_ident.report.figure import Figure, axis_title, line, unit_text
 from hydro_ident.report.page import Row, Section, Verdict, number, page, paragraph, table
 from hydro_ident.report.palette import BEFORE, joint_colour
 from hydro_ident.report.robot_drawing import drawings
-from hydro_ident.robot_check import ERROR, WARNING, RobotCheck
-from hydro_ident.robot_ranges import CylinderRange
+from hydro_ident.robots.robot_check import ERROR, WARNING, RobotCheck
+from hydro_ident.robots.robot_ranges import CylinderRange
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, Robot
 from hydro_model.robot_files import datasheet_inertia
 

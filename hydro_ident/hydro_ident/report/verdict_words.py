@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from hydro_ident.free_run import FreeRun
-from hydro_ident.recording_summary import RecordingSummary
+from hydro_ident.identify.recording_summary import RecordingSummary
+from hydro_ident.identify.verdict import BagLoss
 from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.figure import unit_text
 from hydro_ident.report.page import also, number, percent
-from hydro_ident.verdict import BagLoss
+from hydro_ident.rollouts.free_run import FreeRun
 
 #: A residual within so many times the sensors' noise is as good as explained.
 NEAR_NOISE = 2.0

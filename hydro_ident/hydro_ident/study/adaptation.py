@@ -24,7 +24,7 @@ from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.payload import Payload
 from hydro_hw_bridge.rig.random_truth import random_truth
 from hydro_hw_bridge.rig.truth import Truth
-from hydro_ident.metrics import TRUTH_HALF_WIDTH, speed_m_s
+from hydro_ident.recordings.metrics import TRUTH_HALF_WIDTH, speed_m_s
 from hydro_ident.study.closed_loop import Run, run_closed_loop
 from hydro_ident.study.gain_choice import DEFAULT_SEEDS, START_DELAY_S, models
 from hydro_model.command import run_command

@@ -19,9 +19,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.consistent_robot import physical_result
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.bodies.physical import PhysicalParameters
+from hydro_ident.identify.consistent_robot import physical_result
 from hydro_model.base_parameters import base_map
 from hydro_model.command import run_command
 from hydro_model.part_regrouping import point_mass

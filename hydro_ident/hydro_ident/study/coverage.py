@@ -31,7 +31,7 @@ from hydro_ident.estimate.signals.derivatives import FilterSettings, parallel_fi
 from hydro_ident.estimate.signals.traces import traces_of
 from hydro_ident.estimate.statistics.least_squares import Estimator, weighted_least_squares
 from hydro_ident.estimate.statistics.moments import Moments
-from hydro_ident.parameters import NORMAL_95, student_95
+from hydro_ident.parameters.parameters import NORMAL_95, student_95
 from hydro_ident.study.designed_motion import DesignedMotion
 from hydro_ident.study.synthetic import STEP_S, Noise, synthetic_recording
 from hydro_model.command import run_command

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from hydro_ident.design.experiment import design_excitation, start_pose
 from hydro_ident.estimate.forces.inertial import ForceModel, Motion, force_columns, force_model
 from hydro_ident.estimate.signals.derivatives import FilterSettings, parallel_filter
 from hydro_ident.estimate.signals.traces import traces_of
 from hydro_ident.estimate.statistics.rows import Rows
-from hydro_ident.experiment import design_excitation, start_pose
 from hydro_ident.study.synthetic import STEP_S, synthetic_recording
 from hydro_model.paths import JointPath
 from hydro_model.paths_check import joint_motion

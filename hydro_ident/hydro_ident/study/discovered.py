@@ -34,8 +34,8 @@ from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.random_truth import random_truth
 from hydro_hw_bridge.rig.truth import Truth
 from hydro_ident.errors import IdentError
-from hydro_ident.identified_robot import with_viscous_friction
-from hydro_ident.results import CONTROLLER_FILE, RESULT_FILE
+from hydro_ident.identify.identified_robot import with_viscous_friction
+from hydro_ident.identify.results import CONTROLLER_FILE, RESULT_FILE
 from hydro_ident.study.discovered_summary import (
     PAGE,
     RESULT,

@@ -24,6 +24,7 @@ from hydro_control.core import ControllerCore, Sample
 from hydro_control.gains import Gains
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.truth_files import load_truth
+from hydro_ident.design.experiment import Design, design_excitation, start_pose
 from hydro_ident.design.information import ForceInformation, Residual, moments, sandwich
 from hydro_ident.design.limits import Limits, half_range, limit_ratios
 from hydro_ident.design.prediction import Motions, Prediction, predict
@@ -31,7 +32,6 @@ from hydro_ident.errors import IdentError
 from hydro_ident.estimate.forces.inertial import fit_inertial, force_rows
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_ident.experiment import Design, design_excitation, start_pose
 from hydro_ident.study.gain_choice import gains_of
 from hydro_model.command import run_command
 from hydro_model.cylinder import stroke

@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 
 from hydro_hw_bridge.rig.following import Servo
+from hydro_ident.design.experiment import LIMITS, design_excitation, design_validation
 from hydro_ident.design.limits import half_range, natural_frequencies_hz
 from hydro_ident.design.program import Entry, Program
 from hydro_ident.errors import IdentError
-from hydro_ident.experiment import LIMITS, design_excitation, design_validation
 from hydro_model.cylinder import lever
 from hydro_model.fields import Fields
 from hydro_model.joint_ranges import middle

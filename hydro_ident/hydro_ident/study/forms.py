@@ -20,14 +20,14 @@ _RATES = ("vibration_rate", "ripple_count", "stiffness_count", "hum_rate", "drag
 
 def described(case: Path) -> list[str]:
     """Every unexplained dependence of a case's folder and its forms, as lines."""
+    from hydro_ident.identify.survey import survey_source
     from hydro_ident.mismatch.locating.locate import dependences
     from hydro_ident.mismatch.settings import DiagnosisSettings
     from hydro_ident.mismatch.split.residuals import residuals
     from hydro_ident.mismatch.unnamed.describe import each_form, form_of, form_text
     from hydro_ident.mismatch.unnamed.unknown import unexplained
     from hydro_ident.mismatch.verifying.confirm import Confirmer
-    from hydro_ident.sources import bag_source
-    from hydro_ident.survey import survey_source
+    from hydro_ident.recordings.sources import bag_source
     from hydro_model.robot_files import load_robot
 
     robot = load_robot(str(next(case.glob("*.hydraulics.yaml"))))

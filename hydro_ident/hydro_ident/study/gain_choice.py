@@ -28,8 +28,8 @@ from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.random_truth import random_truth
 from hydro_hw_bridge.rig.truth import Truth
 from hydro_ident.errors import IdentError
-from hydro_ident.identified_robot import with_edge_coefficient, with_viscous_friction
-from hydro_ident.metrics import TRUTH_HALF_WIDTH, Tracking, tracking
+from hydro_ident.identify.identified_robot import with_edge_coefficient, with_viscous_friction
+from hydro_ident.recordings.metrics import TRUTH_HALF_WIDTH, Tracking, tracking
 from hydro_ident.study.closed_loop import run_closed_loop
 from hydro_model.command import run_command
 from hydro_model.paths import load_path

@@ -17,7 +17,7 @@ from dataclasses import replace
 from hydro_control.gains import Gains
 from hydro_hw_bridge.rig.random_truth import random_truth
 from hydro_hw_bridge.rig.truth import Truth
-from hydro_ident.metrics import Tracking
+from hydro_ident.recordings.metrics import Tracking
 from hydro_ident.study.gain_choice import exact_model, track
 from hydro_model.command import run_command
 from hydro_model.robot import EffectSpec, Robot

@@ -19,7 +19,7 @@ from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.truth import Truth
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import IdentError
-from hydro_ident.results import MODEL_FILE
+from hydro_ident.identify.results import MODEL_FILE
 from hydro_ident.study.closed_loop import Run, run_closed_loop
 from hydro_model.paths import JointPath, TipPath, load_path
 from hydro_model.robot import Robot

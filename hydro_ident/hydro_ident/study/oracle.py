@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from hydro_ident.identify.survey import survey_source
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting.fitting import fit, fit_term
 from hydro_ident.mismatch.fitting.training import Training
@@ -29,9 +30,8 @@ from hydro_ident.mismatch.split.residuals import Residuals, residuals
 from hydro_ident.mismatch.trials.candidates import Trial, trials
 from hydro_ident.mismatch.trials.chance import overdispersion
 from hydro_ident.mismatch.trials.scoring import Score, bank_of, score
-from hydro_ident.sources import bag_source
+from hydro_ident.recordings.sources import bag_source
 from hydro_ident.study.summary import STRONG
-from hydro_ident.survey import survey_source
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot

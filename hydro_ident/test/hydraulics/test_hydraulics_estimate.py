@@ -14,9 +14,9 @@ from hydro_ident.estimate.flows.delay import fit_delay
 from hydro_ident.estimate.flows.flow_moments import FlowGatherer
 from hydro_ident.estimate.flows.hydraulics import fit_hydraulics
 from hydro_ident.estimate.flows.shared_parameters import chambers_to_cylinder
-from hydro_ident.identified_robot import identified_robot
-from hydro_ident.parameters import cylinder_parameters, student_95
-from hydro_ident.verdict import _hydraulic_problems
+from hydro_ident.identify.identified_robot import identified_robot
+from hydro_ident.identify.verdict import _hydraulic_problems
+from hydro_ident.parameters.parameters import cylinder_parameters, student_95
 from hydro_model.robot import Robot
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from hydro_ident.identification import Identification, identify
+from hydro_ident.identify.identification import Identification, identify
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 

@@ -14,8 +14,8 @@ from hydro_ident import transducers
 from hydro_ident.bag.streaming import map_columns
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.signals.derivatives import FilterSettings, motion
-from hydro_ident.identification import Identification, identify
-from hydro_ident.identified_robot import _effects
+from hydro_ident.identify.identification import Identification, identify
+from hydro_ident.identify.identified_robot import _effects
 from hydro_model.base_parameters import base_map
 from hydro_model.cylinder import lever
 from hydro_model.robot import EffectSpec, Robot

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.identification import Settings, identify
+from hydro_ident.identify.identification import Settings, identify
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.identification import Identification, identify
+from hydro_ident.identify.identification import Identification, identify
 from hydro_model.cylinder import lever, piston_force
 from hydro_model.effects.readings import delayed
 from hydro_model.robot import Robot

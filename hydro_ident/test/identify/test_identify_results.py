@@ -17,11 +17,11 @@ import pytest
 import yaml
 
 from hydro_ident.commands.identify import main, run, write_results
-from hydro_ident.earlier_result import earlier_result
 from hydro_ident.errors import IdentError
-from hydro_ident.identification import Identification, identify
+from hydro_ident.identify.earlier_result import earlier_result
+from hydro_ident.identify.identification import Identification, identify
+from hydro_ident.identify.results import OWN_FILES, Provenance, result_dict, write_together
 from hydro_ident.report.identification_report import report_html
-from hydro_ident.results import OWN_FILES, Provenance, result_dict, write_together
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot, shipped_robots
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.identification import identify
+from hydro_ident.identify.identification import identify
 from hydro_ident.transducers import zero_pa
 from hydro_model.base_parameters import base_map
 from hydro_model.robot import Robot

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from hydro_ident.estimate.signals.traces import Trace, traces_of
+from hydro_ident.identify.results import Provenance
+from hydro_ident.identify.survey import survey_source
 from hydro_ident.mismatch.answer.diagnosis_file import result_dict
 from hydro_ident.mismatch.answer.outcome import MATCHES, Diagnosis
 from hydro_ident.mismatch.fitting.fitting import fit
@@ -20,10 +22,8 @@ from hydro_ident.mismatch.settings import PART_S, DiagnosisSettings
 from hydro_ident.mismatch.split import residuals as steps
 from hydro_ident.mismatch.split.parts import spread_parts, thinly
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
+from hydro_ident.recordings.sources import sources_of
 from hydro_ident.report.diagnosis_views import law_views
-from hydro_ident.results import Provenance
-from hydro_ident.sources import sources_of
-from hydro_ident.survey import survey_source
 from hydro_model.robot_files import load_robot
 
 STEP_S = 0.002

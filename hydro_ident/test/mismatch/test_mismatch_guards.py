@@ -12,6 +12,9 @@ import numpy as np
 import pytest
 
 from hydro_ident.commands.diagnose import summary_text
+from hydro_ident.identify.results import Provenance
+from hydro_ident.identify.survey import survey_source
+from hydro_ident.identify.verdict import NOT_ENOUGH
 from hydro_ident.mismatch.answer.diagnosis import _too_little, diagnose
 from hydro_ident.mismatch.answer.diagnosis_file import result_dict
 from hydro_ident.mismatch.answer.outcome import Diagnosis
@@ -29,12 +32,9 @@ from hydro_ident.mismatch.unnamed.unknown import unexplained
 from hydro_ident.mismatch.verifying.agreement import untold
 from hydro_ident.mismatch.verifying.confirm import Confirmer
 from hydro_ident.mismatch.verifying.verify import Verification, verify
+from hydro_ident.recordings.sources import sources_of
 from hydro_ident.report.diagnosis_report import report_html
 from hydro_ident.report.page import number, written
-from hydro_ident.results import Provenance
-from hydro_ident.sources import sources_of
-from hydro_ident.survey import survey_source
-from hydro_ident.verdict import NOT_ENOUGH
 from hydro_model.cylinder import lever, stroke
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.effects.drives import GEAR_BACKLASH

@@ -11,6 +11,7 @@ import pytest
 from scipy.stats import norm
 
 from hydro_ident.commands.diagnose import summary_text
+from hydro_ident.identify.results import Provenance
 from hydro_ident.mismatch.answer.channel_results import channels_of
 from hydro_ident.mismatch.answer.diagnosis import _verdict
 from hydro_ident.mismatch.answer.diagnosis_file import result_dict
@@ -28,7 +29,6 @@ from hydro_ident.mismatch.trials.contender import Contender
 from hydro_ident.mismatch.verifying.looks import Look, looked, missed, objection
 from hydro_ident.mismatch.verifying.verify import Verification, verify
 from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
-from hydro_ident.results import Provenance
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot

@@ -13,14 +13,14 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.estimate.flows.chambers import WindowSettings
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import traces_of
+from hydro_ident.identify.survey import survey_source
 from hydro_ident.mismatch.answer.diagnosis import diagnose
 from hydro_ident.mismatch.answer.outcome import EXPLAINED, PARTLY
 from hydro_ident.mismatch.rows.laying import material_of
 from hydro_ident.mismatch.rows.material import Material
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.split.residuals import own_forces, residuals
-from hydro_ident.sources import sources_of
-from hydro_ident.survey import survey_source
+from hydro_ident.recordings.sources import sources_of
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 

@@ -11,6 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 from hydro_ident.bag.recording import Recording
+from hydro_ident.identify.survey import survey_source
 from hydro_ident.mismatch.fitting.bench import Bench
 from hydro_ident.mismatch.fitting.whitening import Layout, Noise
 from hydro_ident.mismatch.locating.dependence import Dependence
@@ -20,9 +21,8 @@ from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
 from hydro_ident.mismatch.unnamed.describe import form_of
 from hydro_ident.mismatch.verifying.confirm import Confirmer
+from hydro_ident.recordings.sources import sources_of
 from hydro_ident.report.diagnosis_views import _dependence_view
-from hydro_ident.sources import sources_of
-from hydro_ident.survey import survey_source
 from hydro_model.robot_files import load_robot
 
 STEP_S, HUM_HZ = 0.02, 4.1

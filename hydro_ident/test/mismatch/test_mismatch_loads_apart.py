@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_ident.identify.survey import survey_source
 from hydro_ident.mismatch.answer.loads_apart import with_loads
 from hydro_ident.mismatch.locating.dependence import Dependence
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
 from hydro_ident.mismatch.unnamed.unknown import Unexplained
-from hydro_ident.sources import sources_of
-from hydro_ident.survey import survey_source
+from hydro_ident.recordings.sources import sources_of
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 

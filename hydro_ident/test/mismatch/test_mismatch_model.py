@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
+from hydro_ident.identify.model_file import write_model
+from hydro_ident.identify.survey import survey_source
 from hydro_ident.mismatch.fitting.prior import left_open
 from hydro_ident.mismatch.modelling.model import robot_of
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
-from hydro_ident.model_file import write_model
-from hydro_ident.sources import sources_of
-from hydro_ident.survey import survey_source
+from hydro_ident.recordings.sources import sources_of
 from hydro_ident.transducers import zero_pa
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hydro_ident.identify.survey import survey_source
 from hydro_ident.mismatch.answer.confirmation import searched
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting.fitting import fit
@@ -21,8 +22,7 @@ from hydro_ident.mismatch.naming.revision import Revision
 from hydro_ident.mismatch.rows.prediction import Model
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
-from hydro_ident.sources import sources_of
-from hydro_ident.survey import survey_source
+from hydro_ident.recordings.sources import sources_of
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot

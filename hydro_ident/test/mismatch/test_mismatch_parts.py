@@ -15,7 +15,7 @@ from hydro_ident.mismatch.rows.choices import Choices
 from hydro_ident.mismatch.settings import LONGEST_S, LONGEST_SCAN_S
 from hydro_ident.mismatch.split.parts import hardly_held, split_of, spread_parts
 from hydro_ident.mismatch.split.residuals import Residuals
-from hydro_ident.rollout_windows import Piece, windows
+from hydro_ident.rollouts.rollout_windows import Piece, windows
 
 STEP_S = 0.02
 #: What filters take off both ends of a part.

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.estimate.forces.closed_chain import expected_sizes
+from hydro_ident.identify.model_file import write_model
 from hydro_ident.mismatch.fitting.bench import Bench
 from hydro_ident.mismatch.fitting.fitted import fitted
 from hydro_ident.mismatch.fitting.fitting import _owned, fit
@@ -28,7 +29,6 @@ from hydro_ident.mismatch.naming.contest import Contest
 from hydro_ident.mismatch.rows.ripple import held_ripple, in_step, known_ripple
 from hydro_ident.mismatch.split.residuals import Residuals, own_forces
 from hydro_ident.mismatch.trials.candidates import trials
-from hydro_ident.model_file import write_model
 from hydro_model.base_parameters import base_map, with_base
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import BaseParameter, EffectSpec, Robot

@@ -13,14 +13,14 @@ from scipy.integrate import cumulative_trapezoid, trapezoid
 from hydro_ident.estimate.forces.force_rows import force_model
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.traces import Trace, traces_of
+from hydro_ident.identify.survey import survey_source
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.rows.choices import Choices, choices_of
 from hydro_ident.mismatch.rows.ripple import ripple_force, ripple_name
 from hydro_ident.mismatch.rows.telling import within
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
-from hydro_ident.sources import sources_of
-from hydro_ident.survey import survey_source
+from hydro_ident.recordings.sources import sources_of
 from hydro_model.cylinder import chamber_volumes
 from hydro_model.robot_files import load_robot
 from hydro_model.valve import edge_flows

@@ -15,6 +15,7 @@ from hydro_ident.estimate.signals.derivatives import (
     motion,
     smooth_rates,
 )
+from hydro_ident.identify.survey import survey_source
 from hydro_ident.mismatch.answer.lacking import readings_apart
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import fit, settled
@@ -33,8 +34,7 @@ from hydro_ident.mismatch.settings import LEAST_CYCLES, DiagnosisSettings
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
 from hydro_ident.mismatch.trials.contender import Contender
 from hydro_ident.mismatch.trials.scoring import score
-from hydro_ident.sources import sources_of
-from hydro_ident.survey import survey_source
+from hydro_ident.recordings.sources import sources_of
 from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.readings import EVERY_CHAMBER
 from hydro_model.robot import EffectSpec, Robot

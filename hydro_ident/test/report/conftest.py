@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
-from hydro_ident.identification import Identification, identify
+from hydro_ident.identify.identification import Identification, identify
 from hydro_model.kinematics import tip_position
 from hydro_model.robot_files import load_robot
 

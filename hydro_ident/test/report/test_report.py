@@ -13,8 +13,11 @@ import pytest
 
 from hydro_ident.bag.gaps import find_gaps
 from hydro_ident.commands.identify import summary_text
-from hydro_ident.identification import Identification
-from hydro_ident.recording_summary import recording_summaries
+from hydro_ident.identify.identification import Identification
+from hydro_ident.identify.recording_summary import recording_summaries
+from hydro_ident.identify.survey import survey_source
+from hydro_ident.identify.verdict import NOT_ENOUGH
+from hydro_ident.recordings.sources import sources_of
 from hydro_ident.report.correlation import Correlogram
 from hydro_ident.report.figure import Figure
 from hydro_ident.report.identification_verdict import identification_verdict
@@ -27,9 +30,6 @@ from hydro_ident.report.parameter_section import (
 )
 from hydro_ident.report.recording_sections import health_section
 from hydro_ident.report.verdict_words import DRIVE
-from hydro_ident.sources import sources_of
-from hydro_ident.survey import survey_source
-from hydro_ident.verdict import NOT_ENOUGH
 
 pytestmark = pytest.mark.needs("clarabel", "plotly")
 

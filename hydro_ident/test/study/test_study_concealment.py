@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import read_recording
-from hydro_ident.commands.study import one_case
 from hydro_ident.errors import IdentError
+from hydro_ident.study.command import one_case
 from hydro_ident.study.conceal import ANSWERS, CASES, TRUTHS, diagnose_case, write_case, write_json
 from hydro_ident.study.experiments import Motion
 from hydro_ident.study.generate import CaseSpec, make_case, truth_record

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from hydro_hw_bridge.rig.random_truth import plain_truth
-from hydro_ident.commands.study import frozen_seed, run
+from hydro_ident.design.experiment import LIMITS
 from hydro_ident.design.limits import fits
 from hydro_ident.errors import IdentError
-from hydro_ident.experiment import LIMITS
+from hydro_ident.study.command import frozen_seed, run
 from hydro_ident.study.experiments import work
 from hydro_ident.study.generate import kinds
 from hydro_ident.study.machines import random_crane

@@ -6,9 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from hydro_ident.bag.recording import Recording
-from hydro_ident.continuity import broken_up
 from hydro_ident.errors import IdentError, NotEnoughDataError
-from hydro_ident.free_run import FreeRun, free_run
+from hydro_ident.identify.continuity import broken_up
+from hydro_ident.identify.recording_summary import recording_summaries
+from hydro_ident.identify.survey import Survey, by_torques, recorded_notes, survey_source
+from hydro_ident.identify.verdict import BagLoss, losses_of, wrong_robot
 from hydro_ident.mismatch.answer.answering import STAGES, Answer, answered, base_to_search
 from hydro_ident.mismatch.answer.channel_results import channels_of, rows_of_training
 from hydro_ident.mismatch.answer.minor import minor_notes, parted, parted_unknown
@@ -51,10 +53,8 @@ from hydro_ident.mismatch.split.held_out import rms
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
 from hydro_ident.mismatch.trials.exclusion import shut_out
 from hydro_ident.mismatch.unnamed.unknown import Unexplained
-from hydro_ident.recording_summary import recording_summaries
-from hydro_ident.sources import KeptSource, Source, check_names, sources_of
-from hydro_ident.survey import Survey, by_torques, recorded_notes, survey_source
-from hydro_ident.verdict import BagLoss, losses_of, wrong_robot
+from hydro_ident.recordings.sources import KeptSource, Source, check_names, sources_of
+from hydro_ident.rollouts.free_run import FreeRun, free_run
 from hydro_model.robot import Robot
 from hydro_model.terminal import advance
 

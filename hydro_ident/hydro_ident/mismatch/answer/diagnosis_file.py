@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.estimate.scoring.scores import fit_percent
+from hydro_ident.identify.results import Provenance
+from hydro_ident.identify.validation_results import channel_rollouts, free_run_dict
 from hydro_ident.json_numbers import finite
 from hydro_ident.mismatch.answer.outcome import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.fitting.fitted import Fitted
@@ -20,8 +22,6 @@ from hydro_ident.mismatch.rows.onset import idle_edges
 from hydro_ident.mismatch.settings import FORM_TOLERANCE
 from hydro_ident.mismatch.trials.where import where_of
 from hydro_ident.mismatch.unnamed.unknown_file import unexplained_dict
-from hydro_ident.results import Provenance
-from hydro_ident.validation_results import channel_rollouts, free_run_dict
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 

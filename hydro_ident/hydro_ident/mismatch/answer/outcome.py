@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hydro_ident.free_run import FreeRun
+from hydro_ident.identify.recording_summary import RecordingSummary
+from hydro_ident.identify.verdict import BagLoss
 from hydro_ident.mismatch.answer.not_testable import NotTestable
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.locating.dependence import Dependence
@@ -13,8 +14,7 @@ from hydro_ident.mismatch.naming.named import Named
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.mismatch.unnamed.unknown import Unexplained
 from hydro_ident.mismatch.verifying.verify import Verification
-from hydro_ident.recording_summary import RecordingSummary
-from hydro_ident.verdict import BagLoss
+from hydro_ident.rollouts.free_run import FreeRun
 from hydro_model.robot import FloatArray, Robot
 
 MATCHES, EXPLAINED, PARTLY = "matches", "explained", "partly_explained"

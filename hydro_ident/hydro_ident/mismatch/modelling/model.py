@@ -10,7 +10,7 @@ import numpy as np
 
 from hydro_ident.estimate.flows.chambers import INVERSE_BULK
 from hydro_ident.estimate.forces.inertial import parameter_scales
-from hydro_ident.identified_robot import has_definite_mass
+from hydro_ident.identify.identified_robot import has_definite_mass
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.prior import movable
 from hydro_ident.mismatch.fitting.stepping import with_edges

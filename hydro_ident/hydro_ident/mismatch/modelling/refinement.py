@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hydro_ident.identified_robot import has_definite_mass
+from hydro_ident.identify.identified_robot import has_definite_mass
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting.zeros import of_zeros
 from hydro_ident.mismatch.modelling.refined_robot import Refinable

@@ -14,7 +14,7 @@ from hydro_ident.estimate.signals.derivatives import low_pass
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.mismatch.rows.material import Stretch
 from hydro_ident.mismatch.rows.prediction import Predictor
-from hydro_ident.rollout_windows import Piece, rolled_out, spread, usable_pieces, windows
+from hydro_ident.rollouts.rollout_windows import Piece, rolled_out, spread, usable_pieces, windows
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.errors import SimulationError
 from hydro_model.robot import FloatArray, Robot

@@ -20,9 +20,9 @@ from hydro_ident.estimate.forces.force_rows import ForceModel, measured_force
 from hydro_ident.estimate.signals.derivatives import QUICKEST, FilterSettings
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.traces import Trace
+from hydro_ident.identify.survey import still_joints_of
 from hydro_ident.mismatch.rows.rests import usual_size
 from hydro_ident.mismatch.settings import LONGEST_DELAY_S
-from hydro_ident.survey import still_joints_of
 from hydro_model.cylinder import lever
 from hydro_model.rigid_body import mass_matrix
 from hydro_model.robot import FloatArray

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from hydro_ident.cleaning import Cleaner
 from hydro_ident.estimate.signals.traces import Trace, traces_of_piece
-from hydro_ident.sources import WHOLE_S, Source
+from hydro_ident.recordings.cleaning import Cleaner
+from hydro_ident.recordings.sources import WHOLE_S, Source
 
 
 def read_whole(

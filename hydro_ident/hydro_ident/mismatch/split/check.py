@@ -9,6 +9,7 @@ import numpy as np
 
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.statistics.rows import BoolArray
+from hydro_ident.identify.survey import parked_elsewhere
 from hydro_ident.mismatch.fitting.prior import Prior
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.fitting.whitening import Noise
@@ -16,7 +17,6 @@ from hydro_ident.mismatch.rows.material import Material
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
 from hydro_ident.mismatch.rows.telling import telling, unfitted, within
 from hydro_ident.mismatch.trials.where import VARIABLES
-from hydro_ident.survey import parked_elsewhere
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot
 

@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.cleaning import Cleaner
-from hydro_ident.command_updates import update_notes, with_updates
 from hydro_ident.errors import NotEnoughDataError
 from hydro_ident.estimate.flows.chambers import chambers_of
 from hydro_ident.estimate.forces.force_rows import ForceModel, force_model
@@ -17,6 +15,15 @@ from hydro_ident.estimate.scoring.scores import HoldOut
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.rows import BoolArray
+from hydro_ident.identify.command_updates import update_notes, with_updates
+from hydro_ident.identify.survey import (
+    Survey,
+    by_torques,
+    merged_signals,
+    recorded_notes,
+    still_joints_of,
+    still_positions,
+)
 from hydro_ident.mismatch.fitting.as_listed import with_listed
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import fit
@@ -46,15 +53,8 @@ from hydro_ident.mismatch.split.parts import (
     thinly,
 )
 from hydro_ident.mismatch.trials.scoring import Bank
-from hydro_ident.sources import Source
-from hydro_ident.survey import (
-    Survey,
-    by_torques,
-    merged_signals,
-    recorded_notes,
-    still_joints_of,
-    still_positions,
-)
+from hydro_ident.recordings.cleaning import Cleaner
+from hydro_ident.recordings.sources import Source
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import Robot
 

@@ -21,7 +21,7 @@ FOLDERS = (
 #: reads their bags. With whatever these import.
 PACKAGE = "hydro_ident"
 BESIDE = (
-    "hydro_ident/hydro_ident/identification_node.py",
+    "hydro_ident/hydro_ident/identify/identification_node.py",
     "hydro_ident/hydro_ident/bag/reader.py",
     "hydro_ident/hydro_ident/bag/recorder.py",
 )

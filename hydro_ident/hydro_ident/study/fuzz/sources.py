@@ -8,12 +8,14 @@ from pathlib import Path
 from hydro_ident.study.sources import differing, digests_of
 
 #: Of the repository: folders with all their modules, and single modules of the others.
-FOLDERS = ("hydro_ident/hydro_ident/bag", "hydro_ident/hydro_ident/study/fuzz")
+FOLDERS = (
+    "hydro_ident/hydro_ident/bag",
+    "hydro_ident/hydro_ident/logs",
+    "hydro_ident/hydro_ident/inspecting",
+    "hydro_ident/hydro_ident/study/fuzz",
+)
 MODULES = {
-    "hydro_ident/hydro_ident": (
-        *("inspection", "inspection_passes", "inspection_reading", "signal_look"),
-        "commands/inspect",
-    ),
+    "hydro_ident/hydro_ident": ("commands/inspect",),
     "hydro_hw_bridge/hydro_hw_bridge": ("codec", "e2e", "layout", "mapping", "signals"),
     "hydro_msgs_docs/hydro_msgs_docs": ("cdr",),
     "ros2_ws/src/hydro_model/hydro_model": (

@@ -13,7 +13,7 @@ from hydro_ident.bag.playback import messages
 from hydro_ident.bag.reader import METADATA_FILE, read_bag
 from hydro_ident.bag.streaming import stream_recordings
 from hydro_ident.commands.inspect import text_of
-from hydro_ident.inspection_reading import inspect_bag
+from hydro_ident.inspecting.inspection_reading import inspect_bag
 from hydro_ident.logs.convert import convert
 from hydro_ident.logs.file import read_log
 from hydro_ident.logs.map import read_map

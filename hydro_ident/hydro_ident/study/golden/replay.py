@@ -14,10 +14,10 @@ from hydro_control.sample import Sample
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import RECORDING_TOPICS, Recording, recording_of
 from hydro_ident.errors import IdentError
+from hydro_ident.identify.origin import provenance
 from hydro_ident.mismatch.answer.diagnosis import diagnose
 from hydro_ident.mismatch.answer.diagnosis_file import result_dict
-from hydro_ident.origin import provenance
-from hydro_ident.sources import bag_source
+from hydro_ident.recordings.sources import bag_source
 from hydro_ident.study.golden.bags import CONTROL_BAG, DELAY_S, DIAGNOSIS_BAG, PATH, ROBOT
 from hydro_model.robot_files import load_robot
 

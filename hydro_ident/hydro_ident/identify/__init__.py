@@ -1,0 +1,1 @@
+"""Identification from recordings: the pure core of `identify`, its verdict and its files."""

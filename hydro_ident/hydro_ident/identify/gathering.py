@@ -1,0 +1,206 @@
+"""The passes over recordings: each looks at one recording and gives what is combined later."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hydro_ident.bag.streaming import OVERLAP_S, Piece
+from hydro_ident.estimate.effects.listed_effects import ListedEffects
+from hydro_ident.estimate.flows.chambers import WindowSettings
+from hydro_ident.estimate.flows.flow_moments import FlowGatherer
+from hydro_ident.estimate.flows.summed_flow import SummedFlow
+from hydro_ident.estimate.forces.end_stops import at_end_stops
+from hydro_ident.estimate.forces.inertial import ForceModel, force_rows
+from hydro_ident.estimate.scoring.scores import HoldOut, Tally
+from hydro_ident.estimate.signals.derivatives import FilterSettings
+from hydro_ident.estimate.signals.traces import Trace, traces_of_piece
+from hydro_ident.estimate.statistics.moments import Moments
+from hydro_ident.estimate.statistics.robust import Weights
+from hydro_ident.identify.channel_scores import ScoreKeeper, ScorePlan
+from hydro_ident.recordings.cleaning import Cleaner
+from hydro_ident.recordings.sources import Source
+from hydro_model.robot import Robot
+
+#: Periods of the parallel filter's cut-off over which it forgets to 1e-20.
+_FORGOTTEN = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class GatherPlan:
+    """What is gathered of a recording.
+
+    Attributes
+    ----------
+    robot : Robot
+    model : ForceModel
+    effects : ListedEffects
+    split : HoldOut
+    filters : FilterSettings
+    windows : WindowSettings
+    still : mapping of str to mapping of int to float
+        By recording, where the joints are that stand still.
+    forces, flows : bool
+        Which rows are wanted.
+    instruments : bool
+        With the recorded references as instruments.
+    force_weights : Weights or None
+    flow_weights : mapping of str to mapping of str to Weights
+        By recording, then by chamber.
+    longest_delay_s : float
+        Longest delay of the slowest recording, which all of them are to reach.
+    cleaner : Cleaner or None
+    """
+
+    robot: Robot
+    model: ForceModel
+    effects: ListedEffects
+    split: HoldOut
+    filters: FilterSettings
+    windows: WindowSettings
+    still: Mapping[str, Mapping[int, float]]
+    forces: bool = True
+    flows: bool = True
+    instruments: bool = False
+    force_weights: Weights | None = None
+    flow_weights: Mapping[str, Mapping[str, Weights]] = field(default_factory=dict)
+    longest_delay_s: float = 0.0
+    cleaner: Cleaner | None = None
+
+    @property
+    def overlap_s(self) -> float:
+        """Overlap of pieces over which the filters settle."""
+        return overlap_s(self.filters)
+
+
+@dataclass(slots=True)
+class Gathered:
+    """What one recording gives.
+
+    Attributes
+    ----------
+    name : str
+    forces : Moments or None
+    flows : FlowGatherer
+    force_weights : Weights or None
+        With the residuals met.
+    cleaned : dict of str to int
+        Samples taken for outliers, by sensor.
+    stopped_s : float
+        Time at end stops, whose rows of forces are left out.
+    """
+
+    name: str
+    forces: Moments | None
+    flows: FlowGatherer
+    force_weights: Weights | None
+    cleaned: dict[str, int] = field(default_factory=dict)
+    stopped_s: float = 0.0
+
+
+def overlap_s(filters: FilterSettings) -> float:
+    """Overlap of pieces over which the filters settle."""
+    return max(OVERLAP_S, _FORGOTTEN / filters.parallel_hz)
+
+
+def gather_source(source: Source, plan: GatherPlan) -> Gathered:
+    """Gather one recording.
+
+    Parameters
+    ----------
+    source : Source
+    plan : GatherPlan
+
+    Returns
+    -------
+    Gathered
+        The same whether the recording comes whole or in pieces.
+    """
+    weights = None if plan.force_weights is None else replace(plan.force_weights, residuals={})
+    own_weights = plan.flow_weights.get(source.name, {})
+    flow_weights = {k: replace(w, residuals={}) for k, w in own_weights.items()}
+    flows = FlowGatherer(
+        plan.robot,
+        source.name,
+        plan.windows,
+        plan.effects.chamber_columns,
+        plan.split.training,
+        flow_weights,
+        longest_s=plan.longest_delay_s,
+    )
+    found = Gathered(source.name, None, flows, weights)
+    for piece in source.pieces(overlap_s=plan.overlap_s):
+        for trace in _traces(piece, plan.cleaner, found.cleaned):
+            if plan.forces and np.isfinite(trace.q).all():
+                _add_forces(found, plan, trace)
+            if plan.flows:
+                flows.add(plan.effects.with_signal_laws(trace))
+    # What is left are numbers: they travel between processes.
+    flows.extra = flows.select = None
+    return found
+
+
+def _add_forces(found: Gathered, plan: GatherPlan, trace: Trace) -> None:
+    still = plan.still.get(found.name, {})
+    stopped = at_end_stops(plan.robot, trace, plan.filters, still)[trace.owned].any(axis=1)
+    found.stopped_s += float(np.count_nonzero(stopped)) * trace.step_s
+    rows = force_rows(plan.model, trace, plan.filters, still, plan.instruments)
+    if rows is None:
+        return
+    rows = plan.split.training(rows)
+    if found.forces is None:
+        found.forces = Moments.like(rows, found.name)
+    found.forces.add(rows, found.force_weights)
+
+
+@dataclass(slots=True)
+class Scored:
+    """What the last pass finds in a recording.
+
+    Attributes
+    ----------
+    name : str
+    tallies, fitted : dict of str to Tally
+        By channel: rows that took no part in the fit, and rows that did.
+    summed : SummedFlow or None
+    late : Moments or None
+        Of `ScoreKeeper`.
+    cleaned : dict of str to int
+        Samples taken for outliers, by sensor.
+    """
+
+    name: str
+    tallies: dict[str, Tally]
+    fitted: dict[str, Tally]
+    summed: SummedFlow | None
+    late: Moments | None = None
+    cleaned: dict[str, int] = field(default_factory=dict)
+
+
+def score_source(source: Source, plan: ScorePlan, scored: bool, trained: bool) -> Scored:
+    """Score one recording; compare eq. 14 with the chambers on one that was fitted.
+
+    Parameters
+    ----------
+    source : Source
+    plan : ScorePlan
+    scored, trained : bool
+        Whether (some of) it took no part in the fit, and whether (some of) it did.
+    """
+    keeper = ScoreKeeper(plan, scored, trained)
+    comparison, cleaned = None, dict[str, int]()
+    if trained and plan.hydraulic is not None:
+        comparison = SummedFlow(plan.robot, plan.hydraulic.delay_s, plan.hydraulic.windows)
+    for piece in source.pieces(overlap_s=overlap_s(plan.filters)):
+        for trace in _traces(piece, plan.cleaner, cleaned):
+            keeper.add(trace)
+            if comparison is not None:
+                comparison.add(plan.effects[1].with_signal_laws(trace))
+    return Scored(source.name, keeper.tallies, keeper.fitted, comparison, keeper.late, cleaned)
+
+
+def _traces(piece: Piece, cleaner: Cleaner | None, counts: dict[str, int]) -> tuple[Trace, ...]:
+    """Traces of a piece, without the outliers, which are added to `counts` by sensor."""
+    return traces_of_piece(piece if cleaner is None else cleaner.cleaned(piece, counts))

@@ -1,0 +1,329 @@
+"""One identification as the passes over its recordings need it: what is read, split and scored."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+from hydro_ident.estimate.effects.listed_effects import ListedEffects
+from hydro_ident.estimate.flows.chambers import WindowSettings
+from hydro_ident.estimate.flows.flow_moments import NEARLY
+from hydro_ident.estimate.flows.hydraulics import HydraulicFit
+from hydro_ident.estimate.flows.summed_flow import SummedComparison
+from hydro_ident.estimate.forces.inertial import ForceModel, InertialFit, force_model
+from hydro_ident.estimate.forces.late_forces import LateForce, late_forces
+from hydro_ident.estimate.forces.zeros import with_zeros
+from hydro_ident.estimate.scoring.scores import PLOT_POINTS, ChannelScore, HoldOut
+from hydro_ident.estimate.signals.derivatives import FilterSettings
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.statistics.moments import Moments
+from hydro_ident.identify.channel_scores import ScorePlan, channel_scores
+from hydro_ident.identify.command_updates import update_notes, with_updates
+from hydro_ident.identify.continuity import bridged_notes, partial_notes
+from hydro_ident.identify.estimation import Estimates, cleaned_notes
+from hydro_ident.identify.estimator_choice import Choice
+from hydro_ident.identify.gathering import GatherPlan, score_source
+from hydro_ident.identify.model_error import late_note, model_error_note
+from hydro_ident.identify.survey import (
+    Survey,
+    apart_notes,
+    by_torques,
+    merged_signals,
+    still_joints_of,
+    still_positions,
+    survey_source,
+)
+from hydro_ident.parameters.parameters import student_95
+from hydro_ident.recordings.cleaning import Cleaner
+from hydro_ident.recordings.sources import Source, first_traces
+from hydro_ident.recordings.workers import Workers
+from hydro_ident.rollouts.free_run import FreeRun, free_run, no_free_run
+from hydro_ident.transducers import zero_pa
+from hydro_model.robot import Robot
+
+#: Longest delay that is tried, in cycles: each costs columns, and moments their squares.
+MOST_CYCLES = 50
+#: Recordings are rolled out over this much at their start: roll-outs need them in memory.
+ROLLED_OUT_S = 300.0
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Choices of the estimators.
+
+    Attributes
+    ----------
+    filters : FilterSettings
+    windows : WindowSettings
+    hold_out_every : int
+        Without bags to validate on, every so many blocks one is kept from the fit and scored;
+        0: everything is fitted and nothing scored.
+    estimator : {"auto", "ols", "wls", "robust", "iv"}
+    """
+
+    filters: FilterSettings = field(default_factory=FilterSettings)
+    windows: WindowSettings = field(default_factory=WindowSettings)
+    hold_out_every: int = 5
+    estimator: Choice = "auto"
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One identification, surveyed and planned.
+
+    Attributes
+    ----------
+    robot : Robot
+    sources : tuple of Source
+        To identify from.
+    others : tuple of Source
+        To validate on.
+    seen : tuple of Survey
+        Of all of them, in that order.
+    signals : SignalSurvey
+        Of the sources.
+    plan : GatherPlan
+    still : tuple of int
+        Joints that did not move.
+    every : int
+        One block in so many is held out; 0: none is.
+    workers : Workers
+    """
+
+    robot: Robot
+    sources: tuple[Source, ...]
+    others: tuple[Source, ...]
+    seen: tuple[Survey, ...]
+    signals: SignalSurvey
+    plan: GatherPlan
+    still: tuple[int, ...]
+    every: int
+    workers: Workers
+
+    @property
+    def surveys(self) -> tuple[Survey, ...]:
+        """Of the sources alone."""
+        return self.seen[: len(self.sources)]
+
+    @property
+    def checked(self) -> tuple[Survey, ...]:
+        """Of what is validated on: the sources themselves where there is nothing else."""
+        return self.seen[len(self.sources) :] or self.surveys
+
+    @property
+    def checks(self) -> tuple[Source, ...]:
+        """What is scored: other recordings, blocks of the sources, or nothing."""
+        return self.others or (self.sources if self.every else ())
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is to be said of the recordings."""
+        notes = apart_notes(self.seen) + update_notes((*self.sources, *self.others))
+        for recording in (survey.recording for survey in self.seen):
+            notes += [f"{recording.path.name}: {note}" for note in recording.notes]
+            if recording.gaps:
+                notes.append(f"{recording.path.name}: {len(recording.gaps)} gaps in the cycles")
+        names, continuities = [s.name for s in self.seen], [s.continuity for s in self.seen]
+        notes += bridged_notes(names, continuities) + partial_notes(names, continuities)
+        held = self.plan.effects.held
+        notes += [f"effect {name} taken as listed, not fitted" for name in held]
+        notes += [
+            f"effect {name} is listed, but the fit of the valve's flows does not know it"
+            for name in self.plan.effects.ignored
+        ]
+        stated_s, longest_s = self.robot.command_delay_s, self.plan.longest_delay_s
+        if self.plan.flows and stated_s > longest_s:
+            notes.append(
+                f"the robot file states a command_delay_s of {stated_s:g} s: more than is tried,"
+                f" which is {longest_s:g} s here ({MOST_CYCLES} cycles at most)"
+            )
+        if self.every:
+            notes.append(
+                f"scores are of one block in {self.every} of the bags, which the fit never saw"
+            )
+        elif not self.others:
+            notes.append("nothing was held out: everything was fitted, nothing is scored")
+        return tuple(notes)
+
+
+def prepared(
+    robot: Robot,
+    recordings: tuple[tuple[Source, ...], tuple[Source, ...]],
+    settings: Settings,
+    workers: Workers,
+) -> Job:
+    """Survey the recordings and plan what is gathered of them.
+
+    Parameters
+    ----------
+    robot : Robot
+    recordings : pair of tuple of Source
+        To identify from, and to validate on.
+    settings : Settings
+    workers : Workers
+
+    Returns
+    -------
+    Job
+
+    Raises
+    ------
+    RobotError
+        The robot lists an effect that is not in the catalogue.
+    """
+    sources, others = recordings
+    effects = ListedEffects.of(robot)
+    seen = tuple(workers.map(partial(survey_source, robot=robot), (*sources, *others)))
+    surveys = seen[: len(sources)]
+    sources, others = with_updates(robot, sources, others, seen)
+    signals = merged_signals(robot, surveys)
+    every = 0 if others else settings.hold_out_every
+    still = still_joints_of(robot, signals)
+    filters = settings.filters.borne_at(max(s.recording.period_s for s in seen))
+    effects = replace(effects, filters=filters)
+    windows, longest_s = _delays_tried(robot, surveys, settings.windows)
+    plan = GatherPlan(
+        robot,
+        planned_force_model(robot, effects, surveys),
+        effects,
+        _hold_out(surveys, every, filters) if every else HoldOut(every=0),
+        filters,
+        windows,
+        still_positions(surveys, still),
+        longest_delay_s=longest_s,
+    )
+    return Job(robot, sources, others, seen, signals, plan, still, every, workers)
+
+
+@dataclass(frozen=True, slots=True)
+class Scores:
+    """What the last pass says.
+
+    Attributes
+    ----------
+    held_out, fitted : tuple of ChannelScore
+        On rows that took no part in the fit, and on those that did.
+    summed : tuple of SummedComparison
+    inertial : InertialFit or None
+        That was scored, its covariance now with the zeros of the transducers.
+    late : tuple of LateForce
+        Forces that look late by so much that a friction is off.
+    notes : tuple of str
+        What was taken for outliers in recordings that took no part in the fit.
+    """
+
+    held_out: tuple[ChannelScore, ...]
+    fitted: tuple[ChannelScore, ...]
+    summed: tuple[SummedComparison, ...]
+    inertial: InertialFit | None = None
+    late: tuple[LateForce, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def scored(job: Job, estimates: Estimates) -> Scores:
+    """The last pass: scores on what is held out, eq. 14 beside the chambers on the sources."""
+    plan = ScorePlan(
+        job.robot,
+        estimates.inertial,
+        estimates.hydraulic,
+        (job.plan.effects, estimates.effects),
+        job.plan.split,
+        job.plan.filters,
+        job.plan.still,
+        _plot_spacing(job.checked, job.every),
+        _plot_spacing(job.surveys, 1),
+        estimates.cleaner,
+    )
+    run, same = job.workers.map, not job.others and bool(job.every)
+    found = run(partial(score_source, plan=plan, scored=same, trained=True), job.sources)
+    others, signals, notes = found, merged_signals(job.robot, job.checked), list[str]()
+    if not same:
+        if plan.cleaner is not None:
+            plan = replace(plan, cleaner=Cleaner.of(job.robot, signals))
+        others = run(partial(score_source, plan=plan, scored=True, trained=False), job.others)
+        notes = cleaned_notes({s.name: s.cleaned for s in others})
+    total = None
+    for one in found:
+        if one.summed is not None:
+            if total is None:
+                total = one.summed
+            else:
+                total.merge(one.summed)
+    held_out = channel_scores(plan, [(s.name, s.tallies) for s in others], signals)
+    fitted = channel_scores(plan, [(s.name, s.fitted) for s in found], job.signals)
+    summed = () if total is None else total.result()
+    late = [one.late for one in found if one.late is not None]
+    fit = estimates.inertial and with_zeros(estimates.inertial, late, zero_pa(job.robot))
+    return Scores(tuple(held_out), tuple(fitted), summed, fit, _late(fit, late), tuple(notes))
+
+
+def _late(fit: InertialFit | None, gathered: Sequence[Moments]) -> tuple[LateForce, ...]:
+    """Forces that look late, by plain least squares: outliers only make them look less so."""
+    if fit is None or not gathered:
+        return ()
+    pairs = zip(fit.fit.dof.tolist(), fit.fit.std.tolist(), strict=True)
+    return late_forces(fit, gathered, [student_95(dof) * std for dof, std in pairs])
+
+
+def rolled_out(job: Job, found: Robot | None, hydraulic: HydraulicFit | None) -> FreeRun:
+    """Free run of the given and of the identified robot on what is scored."""
+    checks = first_traces(job.checks, ROLLED_OUT_S)
+    why_not = no_free_run(job.robot, hydraulic)
+    return free_run(job.robot, found, checks, job.plan.split, job.plan.filters, why_not)
+
+
+def _plot_spacing(surveys: Sequence[Survey], every: int) -> int:
+    """Rows per row that is plotted."""
+    rows = 50.0 * sum(survey.duration_s for survey in surveys) / max(every, 1)
+    return max(1, math.ceil(rows / PLOT_POINTS))
+
+
+def _delays_tried(
+    robot: Robot, surveys: Sequence[Survey], windows: WindowSettings
+) -> tuple[WindowSettings, float]:
+    """Windows with the delays of the slowest recording, and the longest of any recording in s.
+
+    They end a cycle beyond what the robot file states, where that is longer: at the very end of
+    what is tried, a delay could not come out larger than it is stated.
+    """
+    cycles_s = [survey.recording.period_s for survey in surveys]
+    stated = math.ceil(robot.command_delay_s / max(cycles_s) - NEARLY)
+    if windows.max_delay_cycles < stated < MOST_CYCLES:
+        windows = replace(windows, max_delay_cycles=stated + 1.0)
+    longest_s = windows.max_delay_cycles * max(cycles_s)
+    return windows, min(longest_s, MOST_CYCLES * min(cycles_s))
+
+
+def _hold_out(surveys: Sequence[Survey], every: int, filters: FilterSettings) -> HoldOut:
+    durations = {s.name: max(s.duration_s, 1e-3) for s in surveys}
+    return HoldOut.of(durations, every, parallel_hz=filters.parallel_hz)
+
+
+def planned_force_model(
+    robot: Robot, effects: ListedEffects, surveys: Sequence[Survey]
+) -> ForceModel:
+    """The force model with the listed effects: fitted, held or undone."""
+    torque = by_torques(surveys)
+    model = force_model(effects.level, torque, effects.force_names, effects.force_columns)
+    changes = effects.held_torque if effects.changes else None
+    return replace(model, held=changes, corrected=effects.corrected if effects.errors else None)
+
+
+def score_notes(scores: Scores, wanted: bool, fit: InertialFit | None) -> list[str]:
+    """What the last pass says, or that nothing was scored where something was wanted.
+
+    Parameters
+    ----------
+    scores : Scores
+    wanted : bool
+        Whether something was to be scored.
+    fit : InertialFit or None
+    """
+    late = [*scores.notes, *(late_note(one, fit) for one in scores.late if fit is not None)]
+    if wanted and not scores.held_out:
+        nothing = "no stretch of the bags can be used to check the predictions: nothing was scored"
+        return [nothing, *late]
+    note = model_error_note(scores.held_out)
+    return [note, *late] if note else late

@@ -1,0 +1,78 @@
+"""Where a result comes from: hashes of everything that was read for it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+
+from hydro_ident.errors import IdentError
+from hydro_ident.identify.results import Provenance
+from hydro_model.robot import Robot
+
+
+def provenance(
+    command: str,
+    name: str,
+    bags: Mapping[str, Path],
+    validation: Mapping[str, Path],
+    robot: Robot | None = None,
+    compared: Robot | None = None,
+) -> Provenance:
+    """Provenance of a run: hashes its bags and the files of its robots.
+
+    Parameters
+    ----------
+    command : str
+    name : str
+        The robot, as given.
+    bags : mapping of str to Path
+        By name.
+    validation : mapping of str to Path
+        Bags that predictions were scored on.
+    robot : Robot, optional
+        The one that was read.
+    compared : Robot, optional
+        The earlier model of `--compare`.
+
+    Returns
+    -------
+    Provenance
+
+    Raises
+    ------
+    IdentError
+        A file cannot be read.
+    """
+    try:
+        version = metadata.version("hydro_ident")
+    except metadata.PackageNotFoundError:
+        version = "unknown"
+    hashes = [{n: bag_sha256(path) for n, path in given.items()} for given in (bags, validation)]
+    files = [{path.name: _sha256([path], path) for path in files_of(r)} for r in (robot, compared)]
+    return Provenance(command, version, name, *hashes, *files)
+
+
+def files_of(robot: Robot | None) -> list[Path]:
+    """What a robot was read from: hydraulics or model, then its URDF; nothing of no robot."""
+    if robot is None:
+        return []
+    return [path for path in (robot.source, robot.urdf) if path is not None]
+
+
+def bag_sha256(path: Path) -> str:
+    """SHA-256 over the MCAP files of a bag in name order, or over a bare file."""
+    return _sha256(sorted(path.glob("*.mcap")) if path.is_dir() else [path], path)
+
+
+def _sha256(files: Sequence[Path], named: Path) -> str:
+    digest = hashlib.sha256()
+    try:
+        for file in files:
+            with file.open("rb") as stream:
+                while block := stream.read(1 << 20):
+                    digest.update(block)
+    except OSError as error:
+        raise IdentError(f"{named}: cannot be read: {error.strerror}") from error
+    return digest.hexdigest()

@@ -1,0 +1,209 @@
+"""Stages of an identification that are not to be used, and why.
+
+A stage is the forces as a whole or the hydraulics of one cylinder. It is rejected where a value
+is clearly outside physical bounds, where the mass matrix would not be positive definite, or where
+it predicts held-out data worse than their mean or than the given robot. A rejected stage is said
+and never replaced: the given numbers stay in the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_ident.estimate.effects.listed_laws import NULL_BIAS
+from hydro_ident.estimate.flows.chambers import INVERSE_BULK, OVER_BULK
+from hydro_ident.estimate.flows.cylinder_fit import CylinderFit
+from hydro_ident.estimate.flows.hydraulics import HydraulicFit
+from hydro_ident.estimate.forces.bounds import conditioned, effect_bounds
+from hydro_ident.estimate.forces.closed_chain import HeldPart
+from hydro_ident.estimate.forces.inertial import InertialFit
+from hydro_ident.estimate.scoring.scores import ChannelScore
+from hydro_ident.identify.estimation import Estimates
+from hydro_ident.identify.identified_robot import has_definite_mass, identified_robot
+from hydro_ident.parameters.parameters import Parameter, cylinder_parameters
+from hydro_model.robot import Robot
+
+#: A held-out error of more than this multiple of the given robot's is clearly worse.
+WORSE = 1.2
+#: An error within this multiple of the sensors' noise is no failure, whatever it is compared with.
+QUIET = 2.0
+
+
+def within_bounds(robot: Robot, estimates: Estimates) -> Estimates:
+    """Listed effects of the chambers held at their catalogue bounds, or their stage rejected.
+
+    The forces' are held while they are fitted (`hydro_ident.estimate.forces.bounds`).
+
+    Parameters
+    ----------
+    robot : Robot
+    estimates : Estimates
+
+    Returns
+    -------
+    Estimates
+        A value outside by no more than noise is held at the bound, and the cylinder's other
+        parameters are those of a fit without its column.
+    """
+    hydraulic = estimates.hydraulic
+    if hydraulic is None:
+        return estimates
+    biases = estimates.effects.biases
+    cylinders = tuple(c if c.rejected else _bounded(robot, c, biases) for c in hydraulic.cylinders)
+    return replace(estimates, hydraulic=replace(hydraulic, cylinders=cylinders))
+
+
+def _bounded(robot: Robot, fit: CylinderFit, biases: dict[str, float]) -> CylinderFit:
+    columns = {f"{fit.cylinder}.{n.removesuffix(OVER_BULK)}": n for n in fit.names}
+    while True:
+        held: list[HeldPart] = []
+        for row in cylinder_parameters(robot, fit, biases):
+            owner, _, rest = row.name.partition(f"{fit.cylinder}.")
+            if owner or "." not in rest or not row.identifiable:
+                continue
+            limits, column = effect_bounds(row.name), columns[row.name]
+            value = _unclipped(fit, row, column)
+            if limits.clear(value, row.std):
+                return replace(fit, rejected=limits.text(row.name, value, row.std))
+            if limits.nearest(value) != value:
+                reason = limits.held_text(value, row.std)
+                at = fit.names.index(column)
+                held.append(HeldPart(at, limits.nearest(value), reason))
+        if not held:
+            return fit
+        fit = _holding(fit, held)
+
+
+def _unclipped(fit: CylinderFit, row: Parameter, column: str) -> float:
+    """A null bias stops at its bounds: the step that is left says how far it would go."""
+    return row.value + (fit.value(NULL_BIAS)[0] if column == NULL_BIAS else 0.0)
+
+
+def _holding(fit: CylinderFit, held: Sequence[HeldPart]) -> CylinderFit:
+    inverse = fit.value(INVERSE_BULK)[0]
+    values = {}
+    for part in held:
+        name = fit.names[part.index]
+        over = inverse if name.endswith(OVER_BULK) else 1.0
+        values[part.index] = 0.0 if name == NULL_BIAS else part.value * over
+    theta, covariance = conditioned(fit.theta, fit.covariance, values)
+    known = np.array(fit.identifiable)
+    known[list(values)] = False
+    return replace(
+        fit,
+        theta=theta,
+        covariance=covariance,
+        identifiable=tuple(map(bool, known)),
+        held=(*fit.held, *held),
+    )
+
+
+def tested(robot: Robot, estimates: Estimates, scores: Sequence[ChannelScore]) -> Estimates:
+    """Reject the stages that make no possible machine or fail on held-out data.
+
+    Parameters
+    ----------
+    robot : Robot
+        As given.
+    estimates : Estimates
+    scores : sequence of ChannelScore
+        On held-out rows.
+
+    Returns
+    -------
+    Estimates
+    """
+    inertial, hydraulic = estimates.inertial, estimates.hydraulic
+    if inertial is not None and not inertial.rejected:
+        why = _impossible(robot, inertial) or _failed(robot, scores, inertial.model.channels)
+        inertial = replace(inertial, rejected=why)
+    if hydraulic is not None:
+        cylinders = []
+        for fit in hydraulic.cylinders:
+            why = fit.rejected or _failed(robot, scores, _flows(robot, fit))
+            cylinders.append(replace(fit, rejected=why))
+        hydraulic = replace(hydraulic, cylinders=tuple(cylinders))
+    return replace(estimates, inertial=inertial, hydraulic=hydraulic)
+
+
+def rejections(
+    robot: Robot, inertial: InertialFit | None, hydraulic: HydraulicFit | None
+) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Why stages were rejected, and their channels, by what a stage is called.
+
+    Parameters
+    ----------
+    robot : Robot
+    inertial : InertialFit or None
+    hydraulic : HydraulicFit or None
+    """
+    found = {}
+    if inertial is not None and inertial.rejected:
+        found["forces"] = inertial.rejected, tuple(inertial.model.channels)
+    for fit in hydraulic.cylinders if hydraulic is not None else ():
+        if fit.rejected:
+            found[f"hydraulics of {fit.cylinder}"] = fit.rejected, _flows(robot, fit)
+    return found
+
+
+def rejected_channels(
+    robot: Robot, inertial: InertialFit | None, hydraulic: HydraulicFit | None
+) -> set[str]:
+    """Channels whose numbers are those of a fit that is not in the model.
+
+    Parameters
+    ----------
+    robot : Robot
+    inertial : InertialFit or None
+    hydraulic : HydraulicFit or None
+    """
+    stages = rejections(robot, inertial, hydraulic).values()
+    return {name for _, channels in stages for name in channels}
+
+
+def _flows(robot: Robot, fit: CylinderFit) -> tuple[str, str]:
+    joint = robot.cylinder(fit.cylinder).joint
+    return f"{joint}/flow_a", f"{joint}/flow_b"
+
+
+def _impossible(robot: Robot, inertial: InertialFit) -> str:
+    """Why no machine has these base parameters; empty where one could."""
+    if has_definite_mass(identified_robot(robot, inertial, None)):
+        return ""
+    rest = ""
+    if not all(inertial.identifiable[: len(inertial.model.base.names)]):
+        rest = ", with the robot file's for those that were not determined,"
+    return f"the base parameters{rest} make no positive definite mass matrix{_causes(robot)}"
+
+
+def _failed(robot: Robot, scores: Sequence[ChannelScore], channels: Collection[str]) -> str:
+    """Which channels are predicted too badly; empty where none is."""
+    found = []
+    for score in scores:
+        if score.name not in channels:
+            continue
+        s = score.summary()
+        before, after = float(s["rmse_before"]), float(s["rmse_after"])
+        fit, floor = float(s["fit_after_pct"]), float(s["noise_floor"])
+        if after <= QUIET * floor:
+            continue
+        if fit < 0.0:
+            found.append(f"{score.name} is predicted worse than by its mean (fit {fit:.0f} %)")
+        elif after > WORSE * before:
+            found.append(
+                f"{score.name} is predicted worse than by the given robot (RMSE {after:.3g}"
+                f" {score.unit}, given {before:.3g} {score.unit})"
+            )
+    return f"on held-out data {', '.join(found)}{_causes(robot)}" if found else ""
+
+
+def _causes(robot: Robot) -> str:
+    return (
+        "; likely causes: the robot file is of another machine, signals or their signs are"
+        f" swapped, robot {robot.name} lacks an effect, the recordings carry different loads (each"
+        " is then to be identified alone), or the training motion was too poor (play"
+        f" a run of `excite --robot {robot.name}` and record it)"
+    )

@@ -1,0 +1,169 @@
+"""The first pass over recordings: what the later passes have to know before they start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hydro_ident.bag.digest import Digest
+from hydro_ident.bag.recorded_run import Recording
+from hydro_ident.bag.recorded_with import recorded_apart
+from hydro_ident.estimate.forces.inertial import least_travel
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.signals.traces import traces_of_piece
+from hydro_ident.identify.continuity import Continuity, bridged_notes, partial_notes
+from hydro_ident.identify.verdict import recorded_as_others
+from hydro_ident.recordings.sources import Source
+from hydro_model.robot import FloatArray, Robot
+
+
+@dataclass(slots=True)
+class Survey:
+    """What a first look at one recording found.
+
+    Attributes
+    ----------
+    name : str
+    recording : Recording
+        Thinned out where it is long.
+    duration_s : float
+    signals : SignalSurvey
+    wet, dry : bool
+        Pressures, joint torques were recorded.
+    referenced_s, usable_s : float
+        Time with a recorded reference throughout, and time in all.
+    continuity : Continuity
+    """
+
+    name: str
+    recording: Recording
+    duration_s: float
+    signals: SignalSurvey
+    wet: bool = False
+    dry: bool = False
+    referenced_s: float = 0.0
+    usable_s: float = 0.0
+    continuity: Continuity = field(default_factory=Continuity)
+
+
+def survey_source(source: Source, robot: Robot) -> Survey:
+    """Look at one recording from start to end."""
+    digest, signals = Digest(), SignalSurvey(robot)
+    found = _Found()
+    for piece in source.pieces():
+        digest.add(piece)
+        traces = traces_of_piece(piece)
+        found.continuity.add(piece, traces)
+        for trace in traces:
+            signals.add(trace)
+            found.wet |= bool(np.isfinite(trace.p_a).any() or np.isfinite(trace.p_b).any())
+            found.dry |= bool(np.isfinite(trace.joint_torque).any())
+            own = (trace.owned.stop - trace.owned.start) * trace.step_s
+            found.usable_s += own
+            found.referenced_s += 0.0 if trace.q_ref is None else own
+    return Survey(
+        source.name,
+        digest.recording(),
+        digest.duration_s,
+        signals,
+        found.wet,
+        found.dry,
+        found.referenced_s,
+        found.usable_s,
+        found.continuity,
+    )
+
+
+@dataclass(slots=True)
+class _Found:
+    wet: bool = False
+    dry: bool = False
+    referenced_s: float = 0.0
+    usable_s: float = 0.0
+    continuity: Continuity = field(default_factory=Continuity)
+
+
+def recorded_notes(surveys: Iterable[Survey]) -> tuple[str, ...]:
+    """What is to be said of recordings themselves, each time with the recording's name."""
+    looked_at = list(surveys)
+    others = recorded_as_others(s.recording for s in looked_at)
+    names, continuities = [s.name for s in looked_at], [s.continuity for s in looked_at]
+    bridged = bridged_notes(names, continuities) + partial_notes(names, continuities)
+    notes = [f"{s.name}: {note}" for s in looked_at for note in s.recording.notes]
+    return (*others, *apart_notes(looked_at), *notes, *bridged)
+
+
+def apart_notes(surveys: Iterable[Survey]) -> list[str]:
+    """Recordings whose readings came about in another way than the first one's, in words."""
+    bags = [(s.name, s.recording.metadata) for s in surveys]
+    return [f"{one.bag}: {one.key}: {one.text}" for one in recorded_apart(bags)]
+
+
+def by_torques(surveys: Sequence[Survey]) -> bool:
+    """Whether forces are joint torques, as no pressure was recorded.
+
+    Parameters
+    ----------
+    surveys : sequence of Survey
+        Of all that is fitted; what is verified on may know more.
+    """
+    return any(s.dry for s in surveys) and not any(s.wet for s in surveys)
+
+
+def merged_signals(robot: Robot, surveys: Iterable[Survey]) -> SignalSurvey:
+    """Signals of several recordings together."""
+    merged = SignalSurvey(robot)
+    for survey in surveys:
+        merged.merge(survey.signals)
+    return merged
+
+
+def still_joints_of(robot: Robot, signals: SignalSurvey) -> tuple[int, ...]:
+    """Joints that do not move in any recording."""
+    travel: FloatArray = signals.high - signals.low
+    return tuple(int(i) for i in np.flatnonzero(~(travel >= least_travel(robot))))
+
+
+def still_positions(
+    surveys: Sequence[Survey], still: Sequence[int]
+) -> Mapping[str, Mapping[int, float]]:
+    """Where joints are that stand still, by recording: those in which they move leave them out.
+
+    Parameters
+    ----------
+    surveys : sequence of Survey
+        Also of recordings that are not fitted.
+    still : sequence of int
+        Joints that stand still in all that are fitted.
+    """
+    held = {s.name: still_joints_of(s.signals.robot, s.signals) for s in surveys}
+    return {s.name: {j: s.signals.q[j].mean for j in still if j in held[s.name]} for s in surveys}
+
+
+def parked_elsewhere(
+    fitted: SignalSurvey, still: Mapping[str, Mapping[int, float]]
+) -> dict[str, dict[int, float]]:
+    """Joints that stand still far from where they stood in all that is fitted, and how far.
+
+    As far as a joint's least travel is near: a joint that goes no further stands still, too.
+
+    Parameters
+    ----------
+    fitted : SignalSurvey
+        Of all recordings that are fitted.
+    still : mapping of str to mapping of int to float
+        As `still_positions` returns it.
+
+    Returns
+    -------
+    dict of str to dict of int to float
+        Distances in rad or m by recording and joint; recordings without such joints left out.
+    """
+    near, result = least_travel(fitted.robot), dict[str, dict[int, float]]()
+    for name, joints in still.items():
+        off = {j: max(fitted.low[j] - q, q - fitted.high[j]) for j, q in joints.items()}
+        far = {j: float(d) for j, d in off.items() if d > near[j]}
+        result |= {name: far} if far else {}
+    return result

@@ -1,0 +1,1 @@
+"""What is in a bag and what is wrong with it."""

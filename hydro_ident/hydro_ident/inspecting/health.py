@@ -1,0 +1,198 @@
+"""What is wrong with a recording's signals: stuck, saturated, out of range, latched.
+
+Findings are plain sentences with numbers; nothing is repaired.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from hydro_ident.bag.gaps import GapCount
+from hydro_ident.bag.reading_rate import SecondLook
+from hydro_ident.bag.recorded_run import Recording
+from hydro_ident.inspecting.signal_look import FULL_SHARE, SignalLook, look_at, parts_of
+
+#: A noisy transducer never repeats its reading this long, an encoder not while its valve is open.
+STUCK_S = 1.0
+#: Signals may touch a joint limit by an encoder's noise.
+_LIMIT_MARGIN = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One irregularity.
+
+    Attributes
+    ----------
+    signal : str
+        What it is about, e.g. `lift_cylinder/a`.
+    kind : str
+        `stuck`, `saturated`, `limit`, `range`, `not_finite`, `latched`, `interpolated`, `gap`,
+        or `other`: the bag names another robot, or was recorded with another calibration or
+        mapping than the first of several.
+    text : str
+        In words, with numbers.
+    """
+
+    signal: str
+    kind: str
+    text: str
+
+
+def find_irregularities(recording: Recording) -> list[Finding]:
+    """Look over a recording's signals.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Returns
+    -------
+    list of Finding
+        Empty for a healthy recording.
+    """
+    gaps, look = GapCount(), look_at(recording)
+    gaps.add(recording.gaps)
+    second = SecondLook(look.changes, recording.period_s)
+    for part in parts_of(recording):
+        second.add(part)
+    return irregularities(look, second, gaps, recording.dead)
+
+
+def irregularities(
+    look: SignalLook, second: SecondLook, gaps: GapCount, dead: Mapping[str, float]
+) -> list[Finding]:
+    """What two looks at a recording's signals found.
+
+    Parameters
+    ----------
+    look : SignalLook
+    second : SecondLook
+    gaps : GapCount
+        Of the cycles.
+    dead : mapping of str to float
+        As of `Recording`.
+
+    Returns
+    -------
+    list of Finding
+    """
+    period_s = second.period_s
+    return [
+        *_gaps(gaps, look.first_ns),
+        *_interpolated(second),
+        *_latched(look, period_s),
+        *_joints(look, period_s),
+        *_pressures(look, period_s, dead),
+        *_valves(look),
+    ]
+
+
+def _gaps(gaps: GapCount, first_ns: int) -> list[Finding]:
+    longest = gaps.told(first_ns)
+    if longest is None:
+        return []
+    text = (
+        f"{gaps.count} gap{'s' if gaps.count > 1 else ''}, {gaps.missing} cycles missing; the"
+        f" longest, {longest.length_s:.3f} s ({longest.missing} cycles), after"
+        f" {longest.after_s:.3f} s"
+    )
+    return [Finding("cycles", "gap", text)]
+
+
+def _interpolated(second: SecondLook) -> list[Finding]:
+    every = second.every()
+    return [] if every == 1 else [Finding("cycles", "interpolated", second.text(every))]
+
+
+def _latched(look: SignalLook, period_s: float) -> list[Finding]:
+    latched = look.latched
+    if not latched.count:
+        return []
+    text = (
+        f"the gate held 0 V against the command for {latched.cycles * period_s:.2f} s in"
+        f" {latched.count} spans, first at {look.seconds(latched.first_ns):.2f} s"
+    )
+    return [Finding("valves", "latched", text)]
+
+
+def _joints(look: SignalLook, period_s: float) -> Iterator[Finding]:
+    spans, robot = look.spans["q"], look.robot
+    with_valves = {valve.cylinder for valve in robot.valves if "valve_v" in look.spans}
+    driven = {c.joint for c in robot.cylinders if c.name in with_valves}
+    for i, joint in enumerate(robot.joints):
+        if not spans.there[i]:
+            continue
+        yield from _not_finite(joint.name, look.cycles - int(spans.finite[i]))
+        below, above = spans.least[i], spans.most[i]
+        if below < joint.lower - _LIMIT_MARGIN or above > joint.upper + _LIMIT_MARGIN:
+            text = (
+                f"from {below:.4f} to {above:.4f}, outside its limits"
+                f" {joint.lower:.4f} to {joint.upper:.4f}"
+            )
+            yield Finding(joint.name, "limit", text)
+        if joint.name in driven:
+            held = look.held["q"][i]
+            when = " although its valve was open"
+            yield from _stuck(look, joint.name, (held.longest, held.since_ns), period_s, when)
+
+
+def _pressures(look: SignalLook, period_s: float, dead: Mapping[str, float]) -> Iterator[Finding]:
+    robot, count = look.robot, look.cycles
+    read = {name: (kind, i) for name, kind, i in look.pressures()}
+    # Dead transducers' columns are not looked at; what they read says why.
+    for name in dict.fromkeys((*read, *(name for name in dead if "/" in name))):
+        if name in dead:
+            low_pa = dead[name]
+            stretch = count - 1, look.second_ns
+            full = float(low_pa >= FULL_SHARE * robot.sensors.pressure_range_pa)
+            void = float(low_pa < -robot.atmospheric_pressure_pa)
+        else:
+            kind, i = read[name]
+            low_pa, held = float(look.spans[kind].least[i]), look.held[kind][i]
+            stretch = held.longest, held.since_ns
+            full, void = look.full[kind][i] / count, look.void[kind][i] / count
+            yield from _not_finite(name, count - int(look.spans[kind].finite[i]))
+        yield from _stuck(look, name, stretch, period_s)
+        yield from _ends(look, name, full, void, low_pa)
+
+
+def _ends(
+    look: SignalLook, name: str, full: float, void: float, low_pa: float
+) -> Iterator[Finding]:
+    """Of a pressure that is at the end of its range, or below vacuum, for some share of time."""
+    if full:
+        full_bar = look.robot.sensors.pressure_range_pa / 1e5
+        text = f"{full:.1%} of the time at the end of its range ({full_bar:.0f} bar)"
+        yield Finding(name, "saturated", text)
+    if void:
+        low_bar = (low_pa + look.robot.atmospheric_pressure_pa) / 1e5
+        text = (
+            f"{void:.1%} of the time below vacuum (down to {low_bar:.2f} bar absolute):"
+            " gauge recorded as absolute, or a zero that is off"
+        )
+        yield Finding(name, "range", text)
+
+
+def _valves(look: SignalLook) -> Iterator[Finding]:
+    if "valve_v" in look.spans:
+        for valve, full in zip(look.robot.valves, look.full["valve_v"], strict=True):
+            if full:
+                text = f"{full / look.cycles:.1%} of the time at {valve.rated_voltage_v:g} V"
+                yield Finding(valve.name, "saturated", text)
+
+
+def _not_finite(name: str, count: int) -> list[Finding]:
+    return [Finding(name, "not_finite", f"{count} samples are not finite")] if count else []
+
+
+def _stuck(
+    look: SignalLook, name: str, stretch: tuple[int, int], period_s: float, when: str = ""
+) -> list[Finding]:
+    """Of the longest stretch of bit-identical readings: how many, and the first one's stamp."""
+    length, since_ns = stretch
+    if not length or length < STUCK_S / period_s:
+        return []
+    text = f"unchanged for {length * period_s:.2f} s from {look.seconds(since_ns):.2f} s on{when}"
+    return [Finding(name, "stuck", text)]

@@ -1,0 +1,1 @@
+"""Identified parameters, their names and how sure they are."""

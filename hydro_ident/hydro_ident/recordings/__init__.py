@@ -1,0 +1,1 @@
+"""Recordings piece by piece: where they come from, cleaned, beside the truth."""

@@ -1,0 +1,1 @@
+"""Whether a robot description can be true."""

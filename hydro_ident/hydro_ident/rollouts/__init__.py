@@ -1,0 +1,1 @@
+"""Roll-outs of a robot against what was recorded."""
