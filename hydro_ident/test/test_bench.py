@@ -105,24 +105,26 @@ def _short_bag(folder: Path) -> Path:
 @pytest.mark.ros
 def test_what_is_played_is_recorded_and_both_are_watched(tmp_path: Path) -> None:
     bag = _short_bag(tmp_path)
-    try:
-        used = growth.passed_on(bag, tmp_path / "live")
-    except IdentError as error:
-        if "messages recorded" not in str(error):
-            raise
-        pytest.skip(f"this machine is too busy: {error}")
-    assert set(used) == set(growth.LIVE)
-    assert all(0.0 < seconds < 60.0 and peak_mb > 30.0 for seconds, peak_mb in used.values())
+    passed = growth.passed_on(bag, tmp_path / "live")
+    assert set(passed.used) == set(growth.LIVE)
+    used = passed.used.values()
+    assert all(0.0 < seconds < 60.0 and peak_mb > 30.0 for seconds, peak_mb in used)
+    # On a busy machine some may be lost, and are counted.
+    assert 0 < passed.recorded <= passed.played
     assert list(tmp_path.iterdir()) == [bag]
 
 
 @pytest.mark.ros
-def test_a_loss_on_the_way_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_loss_on_the_way_is_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nobody has found the player yet when it begins: its first messages go nowhere."""
     monkeypatch.setattr(growth, "_MEET_S", 0.0)
-    bag = _short_bag(tmp_path)
-    with pytest.raises(IdentError, match=r"growth: expected \d+ messages recorded, found \d+"):
-        growth.passed_on(bag, tmp_path / "live")
+    passed = growth.passed_on(_short_bag(tmp_path), tmp_path / "live")
+    assert passed.recorded < passed.played
+    row = growth.lost_row([0.05, 0.5], [passed, growth.Passed({}, 10 * passed.played, 0)])
+    lost = 11 * passed.played - passed.recorded
+    assert row.ours == pytest.approx(lost / (11 * passed.played))
+    assert not row.met
+    assert growth.lost_row([0.05], [growth.Passed({}, 1000, 1000)]).met
 
 
 def test_what_is_measured_is_the_command(tmp_path: Path) -> None:

@@ -55,7 +55,8 @@ def test_a_diagnosis_is_measured_up_to_ten_minutes_its_memory_against_linear(
 
     monkeypatch.setattr(growth, "bag_of", bag_of)
     monkeypatch.setattr(growth, "watched", watched)
-    monkeypatch.setattr(growth, "passed_on", lambda *_: dict.fromkeys(growth.LIVE, (1.0, 1.0)))
+    passed = growth.Passed(dict.fromkeys(growth.LIVE, (1.0, 1.0)), 10, 10)
+    monkeypatch.setattr(growth, "passed_on", lambda *_: passed)
     rows = {row.job: row for row in growth.growth_rows([1.0, 10.0, 100.0], tmp_path)}
     assert [minutes for command, minutes in asked if command == "diagnose"] == [1.0, 10.0]
     memory = rows["diagnose, a bag of 1 to 10 minutes: exponent of peak memory"]

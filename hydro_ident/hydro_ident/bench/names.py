@@ -26,6 +26,7 @@ _PATTERNS = (
     "|".join(map(re.escape, (limits.EMPTY, limits.HELP, limits.INSPECTED))),
     rf"({_GROWING}), a bag of {_NUMBER} to {_NUMBER} minutes:"
     rf" exponent of ({growth.WALL}|{growth.CPU}|peak memory)",
+    rf"recorder, bags of {_NUMBER} to {_NUMBER} minutes: {growth.LOST}",
 )
 
 
