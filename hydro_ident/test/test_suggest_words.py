@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.logs.file import Log
-from hydro_ident.logs.guess import Guess, words_of
+from hydro_ident.logs.guess import Guess, reading_of, words_of
 from hydro_ident.logs.suggest import suggest
 from hydro_ident.logs.suggest_text import lines_of
 from hydro_model.robot import Robot
@@ -200,3 +200,26 @@ def test_of_temperatures_the_oils_is_the_oils() -> None:
     assert (found["temp_1"].section, found["temp_oil"].section) == ("", "oil_temperature")
     assert found["temp_oil"].level == "sure"
     assert guesses(CRANE, "temp_1", unit="degC")["temp_1"].level == "likely"
+
+
+def test_positions_of_joints_are_read_and_those_of_spools_and_pistons_are_not_theirs() -> None:
+    robot = called("j1", "j2")
+    swing = {n: 0.4 * np.sin(9.0 * T + k) for k, n in enumerate(("j1_pos", "j2 position"))}
+    columns = {"t": T, **swing, "j1 spool position": 0.3 * np.cos(9.0 * T)}
+    columns["j2 piston pos"] = 0.2 + 0.1 * np.cos(7.0 * T)
+    found = {g.column: g for g in suggest(Log(Path("log.csv"), columns), robot).guesses}
+    assert (found["j1_pos"].section, found["j1_pos"].name) == ("joints", "j1")
+    assert (found["j2 position"].section, found["j2 position"].name) == ("joints", "j2")
+    assert found["j1 spool position"].section != "joints"
+    assert reading_of("j2 piston pos", columns["j2 piston pos"], "").quantity == "length"
+
+
+def test_topics_as_plotting_tools_export_them_are_the_joints() -> None:
+    """A message's field says what it is: efforts of joints are torques, of pressures none."""
+    torques = 40.0 * np.sin(9.0 * T)
+    topics = {f"/joint_states/j1/{field}": torques / 99.0 for field in ("position", "effort")}
+    found = {
+        name: reading_of(name, values, "").quantity
+        for name, values in {**topics, "/chamber_pressures/j1/effort": 1e5 * torques}.items()
+    }
+    assert list(found.values()) == ["angle", "effort", "pressure"]

@@ -6,7 +6,7 @@ Every reason is kept, so that a person can see why, and its weight says how much
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,14 +28,14 @@ _WORDS: dict[str, str] = {
     "time": "t time zeit timestamp zeitstempel clock uhrzeit sec x_value temps tiempo",
     "pressure": "p press pressure druck ps pt pp pression presion pressione",
     "angle": "q angle ang winkel theta phi alpha joint gelenk encoder enc pitch inclination"
-    " neigung z angulo angolo",
+    " neigung z angulo angolo position pos posicion posizione",
     "length": "stroke hub weg len length laenge länge extension s x course carrera corsa",
     "voltage": "u valve ventil cmd command stell joystick sig voltage spannung servo uv"
     " vanne valvula valvola tensione",
     "current": "current strom courant corriente corrente",
     "ratio": "spool schieber lvdt",
     "temperature": "temp temperature temperatur temperatura oil öl oel huile aceite olio",
-    "effort": "torque moment tau force kraft fuerza forza coppia",
+    "effort": "torque moment tau force kraft fuerza forza coppia effort",
     "velocity": "dq qd dz vel velocity speed geschwindigkeit omega qdot vitesse velocidad"
     " velocita",
     "flow": "flow durchfluss volumenstrom debit caudal portata",
@@ -43,8 +43,14 @@ _WORDS: dict[str, str] = {
 #: Words for where something is measured: they say what only where no other word does.
 _OF_PLACES = word_set(
     "hub valve ventil cmd command stell joystick servo joint gelenk oil öl oel"
-    " vanne valvula valvola huile aceite olio"
+    " vanne valvula valvola huile aceite olio position pos posicion posizione effort"
 )
+#: Words of what slides: a position of theirs is a length.
+_SLIDING = word_set(
+    "piston kolben cylinder cyl zylinder rod stange verin cilindro pistone vastago"
+)
+#: A message's field of forces, which is also where pressures go.
+_PRESSED = word_set("pressure pressures")
 _PORT = re.compile(r"(?:Out|In)\d*\s*[\[({]?\s*")
 _OF_WORD = {word: quantity for quantity, words in _WORDS.items() for word in words.split()}
 
@@ -184,7 +190,7 @@ def reading_of(name: str, values: FloatArray, unit: str) -> Reading:
     weights: dict[str, int] = {}
     reasons: dict[str, list[str]] = {}
     _weigh(weights, reasons, declared.quantity if declared else "", _UNIT, f"unit '{unit}'")
-    seen = {q: w for w in words if (q := _OF_WORD.get(w, ""))}
+    seen = {q: w for w in words if (q := _quantity_of(w, words, name))}
     seen = {q: w for q, w in seen.items() if w not in _OF_PLACES} or seen
     for quantity, word in seen.items():
         _weigh(weights, reasons, quantity, _WORD, f"'{word}' in the name")
@@ -204,6 +210,15 @@ def reading_of(name: str, values: FloatArray, unit: str) -> Reading:
     why = reasons[best] + [f"could be {q}: {', '.join(reasons[q])}" for q in rivals]
     return Reading(name, best, declared, words, level, (*why, *unread),
                    float(known.min()), float(known.max()), unknown)  # fmt: skip
+
+
+def _quantity_of(word: str, words: Sequence[str], name: str) -> str:
+    """What a word of a name says is measured, or nothing."""
+    quantity = _OF_WORD.get(word, "")
+    if word == "effort" and _PRESSED.intersection(words_in(name)):
+        return "pressure"
+    slides = quantity == "angle" and word in _OF_PLACES and _SLIDING.intersection(words)
+    return "length" if slides else quantity
 
 
 def _weigh(
