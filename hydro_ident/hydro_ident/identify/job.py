@@ -308,7 +308,9 @@ def planned_force_model(
     torque = by_torques(surveys)
     model = force_model(effects.level, torque, effects.force_names, effects.force_columns)
     changes = effects.held_torque if effects.changes else None
-    return replace(model, held=changes, corrected=effects.corrected if effects.errors else None)
+    corrected = effects.corrected if effects.errors else None
+    values = effects.force_values
+    return replace(model, effect_values=values, held=changes, corrected=corrected)
 
 
 def score_notes(scores: Scores, wanted: bool, fit: InertialFit | None) -> list[str]:

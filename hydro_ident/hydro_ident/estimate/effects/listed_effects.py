@@ -106,6 +106,16 @@ class ListedEffects:
         )
 
     @property
+    def force_values(self) -> tuple[float, ...]:
+        """Their values as listed, by `force_names`."""
+        return tuple(
+            float(value)
+            for _, (one, *_) in self._by_owner
+            for spec, value in zip(one.effect.parameters, one.parameters, strict=True)
+            if spec.linear
+        )
+
+    @property
     def _rubbing(self) -> list[ActiveEffect]:
         """Fitted friction: laws without a change of the robot, which are taken as listed."""
         return [one for one in self._with(Stage.FRICTION) if one.effect.change is None]

@@ -40,7 +40,7 @@ _OUTER = 1.2
 
 @dataclass(frozen=True, slots=True)
 class HeldPart:
-    """A parameter that is not fitted: of a barrel or rod, or one at its bound.
+    """A parameter that is not fitted: of a barrel, a rod or a listed effect, or at its bound.
 
     Attributes
     ----------

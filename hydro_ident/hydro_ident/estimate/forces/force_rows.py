@@ -69,6 +69,8 @@ class ForceModel:
     effect_names : tuple of str
     effect_columns : callable or None
         Gives the (N, n, e) piston forces of unit parameters, opposing motion.
+    effect_values : tuple of float
+        As the robot file lists them; empty where nothing is to stay as listed.
     held : callable or None
         Gives the (N, n) joint torques of listed effects that are not fitted.
     corrected : callable or None
@@ -82,6 +84,7 @@ class ForceModel:
     torque: bool = False
     effect_names: tuple[str, ...] = ()
     effect_columns: ForceColumns | None = None
+    effect_values: tuple[float, ...] = ()
     held: HeldTorque | None = None
     corrected: Callable[[Trace], Trace] | None = None
 

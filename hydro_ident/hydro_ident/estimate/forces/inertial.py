@@ -25,9 +25,8 @@ from hydro_ident.estimate.forces.force_rows import (
     force_rows,
     measured_force,
 )
-from hydro_ident.estimate.signals.derivatives import (
-    FilterSettings,
-)
+from hydro_ident.estimate.forces.listed_values import keep_listed
+from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.blocks import Blocks, blocks_of
 from hydro_ident.estimate.statistics.least_squares import Fit, Rows, fit_of_solution
@@ -110,7 +109,8 @@ class InertialFit:
         Joints that did not move.
     settings : FilterSettings
     held : tuple of HeldPart
-        Parameters of barrels and rods that stayed the robot file's, and parameters at a bound.
+        Parameters of barrels and rods and of listed effects that stayed the robot file's, and
+        parameters at a bound.
     rejected : str
         Why none of the values is to be used; empty where they are good.
     """
@@ -204,6 +204,7 @@ def inertial_fit(
     fit, held = fit_with_parts(model.robot, model.base, len(model.names), fit_free)
     bounds = parameter_bounds(model)
     determined = partial(identifiable_parameters, model)
+    fit, held = keep_listed(model, fit, held, fit_free, determined)
     fit, held = fit_within_bounds(fit, held, bounds, fit_free, determined)
     known = identifiable_parameters(model, fit, held)
     rejected = _outside(model, fit, known, bounds)

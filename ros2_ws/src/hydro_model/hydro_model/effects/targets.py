@@ -43,7 +43,7 @@ class Place:
     side: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class ActiveEffect:
     """An effect at work on one target of a robot.
 
