@@ -52,7 +52,7 @@ def slow(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
 
 
 def test_a_delay_that_the_listed_spool_had_taken_up_is_named(late: Residuals) -> None:
-    assert ("valve_spool_lag", "tilt_cylinder") not in late.training.as_listed
+    assert not any("tilt_cylinder" in kept for kept in late.training.as_listed)
     answer = answered(late, base_to_search(late))
     assert answer.names == {("command_delay", TILT)}
     (finding,) = answer.findings

@@ -22,6 +22,7 @@ from hydro_model.robot_files import load_robot
 
 Make = tuple[Callable[..., Any], Callable[..., Any]]
 LIFT = "lift_cylinder"
+LIFT_SHAPES = {("valve_spool_lag", LIFT, name) for name in ("frequency", "damping")}
 BIAS = EffectSpec("valve_null_bias", "lift_valve", {"bias": 0.02})
 
 
@@ -83,7 +84,7 @@ def test_of_a_quick_spool_the_data_sheet_tells_more_than_a_recording(
 ) -> None:
     """How late it is in all is told; that it is this frequency and not some delay is not."""
     work = slow_valves(_lag(60.0, 0.9, "lift"), _lag(9.0, 0.8, "tilt"))
-    assert ("valve_spool_lag", LIFT) in work.training.as_listed
+    assert work.training.as_listed >= LIFT_SHAPES
     lift = work.base.model.terms[0]
     assert list(lift.parameters) == [60.0, 0.9]
     assert work.base.model.delays_s == pytest.approx([1.4e-3] * 2, abs=1.5e-4)
@@ -95,7 +96,7 @@ def test_of_a_quick_spool_the_data_sheet_tells_more_than_a_recording(
 
 def test_a_shape_that_is_listed_wrongly_is_fitted(slow_valves: Callable[..., Residuals]) -> None:
     work = slow_valves(_lag(60.0, 0.9, "lift"), _lag(16.0, 0.8, "tilt"))
-    assert work.training.as_listed == {("valve_spool_lag", LIFT)}
+    assert work.training.as_listed == LIFT_SHAPES
     hz, damping = work.base.model.terms[1].parameters
     assert hz == pytest.approx(9.0, rel=0.03)
     assert damping == pytest.approx(0.8, rel=0.05)
@@ -126,12 +127,12 @@ def test_shapes_that_took_up_what_was_not_named_go_back_once_it_is(
     slow_valves: Callable[..., Residuals],
 ) -> None:
     work = slow_valves(_lag(60.0, 0.9, "lift"), _lag(9.0, 0.8, "tilt"), biased=True)
-    assert ("valve_spool_lag", LIFT) not in work.training.as_listed
+    assert not work.training.as_listed & LIFT_SHAPES
     assert list(work.base.model.terms[0].parameters) != [60.0, 0.9]
     (bias,) = resolve(replace(load_robot("xs031"), effects=(BIAS,)))
     whole = settled(work.training, fit(work.training, work.base.model.with_term(bias)))
     training, found = relisted(work.training, whole)
-    assert ("valve_spool_lag", LIFT) in training.as_listed
+    assert training.as_listed >= LIFT_SHAPES
     assert list(found.model.terms[0].parameters) == [60.0, 0.9]
     assert found.model.terms[-1].parameters[0] == pytest.approx(0.02, abs=1e-4)
     assert found.model.delays_s[0] == pytest.approx(1.4e-3, abs=1.5e-4)
@@ -141,6 +142,20 @@ def test_an_answer_has_them_back(slow_valves: Callable[..., Residuals]) -> None:
     work = slow_valves(_lag(60.0, 0.9, "lift"), _lag(9.0, 0.8, "tilt"), biased=True)
     answer = answered(work, base_to_search(work))
     assert ("valve_null_bias", 0) in answer.names
-    assert ("valve_spool_lag", LIFT) in answer.work.training.as_listed
+    assert answer.work.training.as_listed >= LIFT_SHAPES
     assert answer.work.scan is answer.work.training
     assert list(answer.whole.model.terms[0].parameters) == [60.0, 0.9]
+
+
+def test_what_a_file_leaves_out_is_fitted(fitted: Callable[..., Residuals]) -> None:
+    """A friction's rounding that nobody listed is no data sheet's: it comes out as it is."""
+    left_out = EffectSpec("coulomb_friction", LIFT, {"force": 2500.0})
+    work = fitted(left_out)
+    assert not work.training.as_listed
+    assert as_listed_notes(work.base, work.training) == []
+    given = fitted(replace(left_out, parameters={**left_out.parameters, "velocity_scale": 0.02}))
+    shape = ("coulomb_friction", LIFT, "velocity_scale")
+    assert shape not in given.training.as_listed
+    (note,) = listed_notes(given.robot, given.base)
+    assert "velocity_scale" in note
+    assert "velocity_scale" not in "".join(listed_notes(work.robot, work.base))

@@ -231,9 +231,11 @@ def _elsewhere(
     own, found = f"{listed.target}.{listed.effect.name}.", []
     names = [spec.name for spec in listed.effect.parameters]
     rows = zip(names, listed.parameters, fitted.parameters, listed.units, strict=True)
-    for name, old, new, unit in rows:
-        # When it comes and goes is each recording's own.
-        if name in listed.effect.edges or not (std := deviations.get(own + name, 0.0)) > 0.0:
+    for spec, (name, old, new, unit) in zip(listed.effect.parameters, rows, strict=True):
+        # When it comes and goes is each recording's own; of what is left out a file says nothing.
+        if name in listed.effect.edges or spec.left_out(old):
+            continue
+        if not (std := deviations.get(own + name, 0.0)) > 0.0:
             continue
         least = max(_ELSEWHERE * std, _ELSEWHERE_SHARE * max(abs(old), abs(new)))
         if abs(new - old) > least:

@@ -16,7 +16,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.mismatch.fitting.as_listed import as_in_file, key_of, listed_effects
+from hydro_ident.mismatch.fitting.as_listed import (
+    as_in_file,
+    given_shapes,
+    key_of,
+    listed_effects,
+)
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.fitting.slopes import linearised
@@ -83,10 +88,11 @@ def _slope(training: Training, whole: Fitted, index: int) -> FloatArray:
     """Of `_later_s` in the numbers by `Fitted.names`, (p,)."""
     slope, spool = np.zeros(len(whole.names)), _spool(whole, index)
     slope[training.predictor.delay_columns[index]] = 1.0
-    if spool is None or key_of(spool) in training.as_listed:
+    if spool is None:
         return slope
     for name, value in lag_slopes(spool).items():
-        slope[whole.names.index(f"{spool.target}.{spool.effect.name}.{name}")] = value
+        if (*key_of(spool), name) not in training.as_listed:
+            slope[whole.names.index(f"{spool.target}.{spool.effect.name}.{name}")] = value
     return slope
 
 
@@ -119,7 +125,7 @@ def held_to_others(work: Residuals, whole: Fitted, index: int) -> Residuals:
     latest_s = {index: float(np.median(others))}
     spool = _spool(work.base, index)
     listed = None if spool is None else listed_effects(work.training).get(key_of(spool))
-    own = frozenset() if listed is None else {key_of(listed)}
+    own = frozenset() if listed is None else given_shapes(work.training, listed)
     training, scan = (
         replace(t, latest_s=latest_s, as_listed=t.as_listed | own)
         for t in (work.training, work.scan)
@@ -127,7 +133,7 @@ def held_to_others(work: Residuals, whole: Fitted, index: int) -> Residuals:
     fresh = list(work.base.model.delays_s)
     fresh[index] = min(fresh[index], latest_s[index])
     start = replace(work.base.model, delays_s=tuple(fresh))
-    base = fit(training, start if listed is None else as_in_file(start, listed))
+    base = fit(training, start if listed is None else as_in_file(training, start, listed))
     same = work.scan is work.training
     return replace(work, training=training, scan=training if same else scan, base=base)
 

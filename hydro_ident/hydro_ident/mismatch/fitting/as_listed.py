@@ -45,17 +45,50 @@ def listed_effects(training: Training) -> dict[tuple[str, str], ActiveEffect]:
     return {key_of(one): one for one in resolve(training.predictor.material.robot)}
 
 
-def as_in_file(model: Model, listed: ActiveEffect) -> Model:
+def given_shapes(training: Training, term: ActiveEffect) -> frozenset[tuple[str, str, str]]:
+    """Shapes of an effect that the robot file lists with numbers of its own.
+
+    What it leaves out has the catalogue's usual number, which nobody has looked up.
+
+    Parameters
+    ----------
+    training : Training
+    term : ActiveEffect
+
+    Returns
+    -------
+    frozenset of (str, str, str)
+        As `Training.as_listed`.
+    """
+    listed = listed_effects(training).get(key_of(term))
+    if listed is None:
+        return frozenset()
+    rows = zip(term.effect.parameters, listed.parameters, strict=True)
+    return frozenset(
+        (*key_of(term), spec.name)
+        for i, (spec, value) in enumerate(rows)
+        if is_shape(term, i) and not spec.left_out(value)
+    )
+
+
+def as_in_file(training: Training, model: Model, listed: ActiveEffect) -> Model:
     """A model with the shapes of a listed effect as the robot file has them.
 
     Parameters
     ----------
+    training : Training
     model : Model
     listed : ActiveEffect
         As listed.
     """
-    key = key_of(listed)
-    terms = (_with_shapes(t, listed) if key_of(t) == key else t for t in model.terms)
+    key, given = key_of(listed), {name for *_, name in given_shapes(training, listed)}
+    there = np.array([spec.name in given for spec in listed.effect.parameters])
+    terms = (
+        replace(t, parameters=np.where(there, listed.parameters, t.parameters))
+        if key_of(t) == key
+        else t
+        for t in model.terms
+    )
     return replace(model, terms=tuple(terms))
 
 
@@ -74,21 +107,21 @@ def with_listed(training: Training, start: Model) -> tuple[Training, Fitted]:
         With the effects whose shapes stay.
     base : Fitted
     """
-    shaped = frozenset(key_of(term) for term in start.terms if _has_shapes(term))
+    shaped = [own for term in start.terms if (own := given_shapes(training, term))]
     if not shaped:
         return training, fit(training, start)
-    training = replace(training, as_listed=shaped)
+    training = replace(training, as_listed=frozenset[tuple[str, str, str]]().union(*shaped))
     base = fit(training, start)
-    moved = {key for key in shaped if _gains(training, base, key)}
+    moved = [own for own in shaped if _gains(training, base, own)]
     if not moved:
         return training, base
-    training = replace(training, as_listed=shaped - moved)
+    training = replace(training, as_listed=training.as_listed.difference(*moved))
     return training, fit(training, base.model)
 
 
-def _gains(training: Training, base: Fitted, key: tuple[str, str]) -> bool:
-    """Whether an effect's shapes, when freed, take out more than chance does."""
-    free, noise = replace(training, as_listed=training.as_listed - {key}), base.bench.noise
+def _gains(training: Training, base: Fitted, own: frozenset[tuple[str, str, str]]) -> bool:
+    """Whether an effect's own shapes, when freed, take out more than chance does."""
+    free, noise = replace(training, as_listed=training.as_listed - own), base.bench.noise
     # What a linear step does not promise, no fit keeps; and most promise nothing.
     if base.squares - fitted(free, base.model, noise).squares <= LISTED_GAIN:
         return False
@@ -114,20 +147,15 @@ def relisted(training: Training, whole: Fitted) -> tuple[Training, Fitted]:
     """
     for key, listed in listed_effects(training).items():
         term = next((t for t in whole.model.terms if key_of(t) == key), None)
-        if term is None or key in training.as_listed or not _has_shapes(term):
+        own = frozenset() if term is None else given_shapes(training, term)
+        if own <= training.as_listed:
             continue
-        held = replace(training, as_listed=training.as_listed | {key})
-        model = as_in_file(whole.model, listed)
+        held = replace(training, as_listed=training.as_listed | own)
+        model = as_in_file(training, whole.model, listed)
         fresh = fit(held, model, whole.bench.noise)
         if fresh.squares - whole.squares <= LISTED_GAIN:
             training, whole = held, fresh
     return training, whole
-
-
-def _with_shapes(term: ActiveEffect, listed: ActiveEffect) -> ActiveEffect:
-    """A term with the shapes of the listed one."""
-    shapes = [is_shape(term, i) for i in range(len(term.effect.parameters))]
-    return replace(term, parameters=np.where(shapes, listed.parameters, term.parameters))
 
 
 def as_listed_notes(whole: Fitted, training: Training) -> list[str]:
@@ -140,19 +168,16 @@ def as_listed_notes(whole: Fitted, training: Training) -> list[str]:
     training : Training
     """
     kept = [
-        f"{term.effect.name} of {term.target} ({', '.join(_shapes(term))})"
+        f"{term.effect.name} of {term.target} ({', '.join(names)})"
         for term in whole.model.terms
-        if key_of(term) in training.as_listed
+        if (names := _kept(training, term))
     ]
     if not kept:
         return []
     return [f"as the robot file lists them, as nothing here speaks for others: {'; '.join(kept)}"]
 
 
-def _shapes(term: ActiveEffect) -> list[str]:
-    count = len(term.effect.parameters)
-    return [term.effect.parameters[i].name for i in range(count) if is_shape(term, i)]
-
-
-def _has_shapes(term: ActiveEffect) -> bool:
-    return bool(_shapes(term))
+def _kept(training: Training, term: ActiveEffect) -> list[str]:
+    """Names of an effect's parameters that stay as listed."""
+    specs = enumerate(term.effect.parameters)
+    return [spec.name for i, spec in specs if training.stays(term, i)]

@@ -217,11 +217,7 @@ def listed_columns(training: Training, model: Model) -> list[int]:
         if is_free(term, i)
     ]
     count = len(training.predictor.names)
-    return [
-        count + k
-        for k, (term, i) in enumerate(free)
-        if (term.effect.name, term.target) in training.as_listed and is_shape(term, i)
-    ]
+    return [count + k for k, (term, i) in enumerate(free) if training.stays(term, i)]
 
 
 def _viscous(training: Training) -> list[int]:

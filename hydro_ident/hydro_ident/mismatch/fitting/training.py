@@ -39,8 +39,8 @@ class Training:
         Orthonormal smooth functions of each channel's state on its rows in the mask.
     latest_s : mapping of int to float
         Longest command delay of the base of the cylinders whose valves have one of their own.
-    as_listed : frozenset of (str, str)
-        Effects of the robot file, by name and target, whose shapes stay as it lists them.
+    as_listed : frozenset of (str, str, str)
+        Shapes of effects, by name, target and parameter, that stay as the robot file lists them.
     """
 
     predictor: Predictor
@@ -52,14 +52,14 @@ class Training:
     block_s: float
     smooth: tuple[FloatArray, ...] = ()
     latest_s: Mapping[int, float] = field(default_factory=dict)
-    as_listed: frozenset[tuple[str, str]] = frozenset()
+    as_listed: frozenset[tuple[str, str, str]] = frozenset()
 
     @staticmethod
     def of(
         predictor: Predictor,
         mask: BoolArray,
         prior: Prior | None = None,
-        as_listed: frozenset[tuple[str, str]] = frozenset(),
+        as_listed: frozenset[tuple[str, str, str]] = frozenset(),
     ) -> Training:
         """Training on some rows of the predictor's material.
 
@@ -68,7 +68,7 @@ class Training:
         predictor : Predictor
         mask : (N,) bool array
         prior : Prior, optional
-        as_listed : frozenset of (str, str)
+        as_listed : frozenset of (str, str, str)
         """
         material = predictor.material
         layout = layout_of(predictor).take(mask)
@@ -106,6 +106,15 @@ class Training:
         return (
             self.own_delay_s if cylinder is None else self.latest_s.get(cylinder, self.own_delay_s)
         )
+
+    def stays(self, term: ActiveEffect, index: int) -> bool:
+        """Whether a parameter of an effect stays as the robot file lists it."""
+        name = term.effect.parameters[index].name
+        return (term.effect.name, term.target, name) in self.as_listed
+
+    def keeps(self, term: ActiveEffect) -> bool:
+        """Whether any parameter of an effect stays as the robot file lists it."""
+        return any(self.stays(term, i) for i in range(len(term.effect.parameters)))
 
     def noise(self, residual: FloatArray) -> Noise:
         """Noise of a residual on the training rows: what no smooth function of the state tells.

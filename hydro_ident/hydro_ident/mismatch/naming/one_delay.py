@@ -87,9 +87,7 @@ def from_one_delay(training: Training, current: Fitted) -> Fitted:
     lagging = [
         t
         for t in model.terms
-        if t.effect.name == SPOOL
-        and t.cylinder in columns
-        and (t.effect.name, t.target) not in training.as_listed
+        if t.effect.name == SPOOL and t.cylinder in columns and not training.keeps(t)
     ]
     if not lagging:
         return current

@@ -257,7 +257,7 @@ class Effect:
     def _value(self, spec: ParameterSpec, given: Mapping[str, float], where: str) -> float:
         if spec.name not in given:
             if spec.optional:
-                return spec.typical if spec.default is None else spec.default
+                return spec.usual
             raise RobotError(
                 f"{where}: effect '{self.name}' needs parameter '{spec.name}' in {spec.unit}"
             )

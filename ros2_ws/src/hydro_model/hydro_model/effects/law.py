@@ -77,6 +77,15 @@ class ParameterSpec:
     optional: bool = False
     default: float | None = None
 
+    @property
+    def usual(self) -> float:
+        """What a robot file that leaves it out gets."""
+        return self.typical if self.default is None else self.default
+
+    def left_out(self, value: float) -> bool:
+        """Whether a robot file may have left it out: a value of its own is hardly this one."""
+        return self.optional and value == self.usual
+
 
 @dataclass(frozen=True, slots=True)
 class Term:
