@@ -1,7 +1,8 @@
 """What a command shows on a terminal and nowhere else: colours, and progress of long work.
 
-Long work calls `advance` wherever it is; a command that wants a bar on the terminal does its work
-inside `progress_bar`. Without one, in worker processes and in tests, `advance` does nothing.
+Long work calls `advance` wherever it is; a command that wants its progress shown does its work
+inside `progress_bar`: a bar on a terminal, plain lines now and then in a log. Without it, in
+worker processes and in tests, `advance` does nothing.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from typing import TextIO
 _CODES = {"red": "31", "green": "32", "yellow": "33", "bold": "1", "dim": "2"}
 _CLEAR = "\r\x1b[2K"
 _WIDTH, _EVERY_S = 24, 0.1
+#: In a log: nothing of work that is soon done, then a line per stage, and one now and then.
+_QUIET_S, _LINE_EVERY_S = 15.0, 30.0
 
 
 def is_terminal(stream: TextIO) -> bool:
@@ -76,6 +79,29 @@ class _Bar:
         self._stream.flush()
 
 
+class _Lines:
+    """Plain lines on standard error, for logs: few, and none of what does not take long."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._begun = time.monotonic()
+        self._written = 0.0
+        self._what = ""
+
+    def draw(self, what: str, done: int, total: int) -> None:
+        now = time.monotonic()
+        soon = now - self._begun < _QUIET_S
+        if soon or (what == self._what and now - self._written < _LINE_EVERY_S):
+            return
+        self._what, self._written = what, now
+        share = f" ({done / total:.0%})" if total else ""
+        self._stream.write(f"{now - self._begun:.0f} s: {what}{share}\n")
+        self._stream.flush()
+
+    def clear(self) -> None:
+        """Lines stay."""
+
+
 class _Listener:
     """In the place of a bar: somebody who wants to know when."""
 
@@ -86,7 +112,7 @@ class _Listener:
         """Nothing is on the screen."""
 
 
-_bar: _Bar | _Listener | None = None
+_bar: _Bar | _Lines | _Listener | None = None
 
 
 @contextmanager
@@ -108,15 +134,15 @@ def progress_heard(hear: Callable[[str, int, int], None]) -> Iterator[None]:
 
 @contextmanager
 def progress_bar() -> Iterator[None]:
-    """Show what the work inside says of its progress, on standard error where that is a terminal.
+    """Show what the work inside says of its progress, on standard error: a bar, or plain lines.
 
-    Results go to standard output or to files, also as JSON: a bar is in nobody's way there.
+    Results go to standard output or to files, also as JSON: progress is in nobody's way there.
     """
     global _bar
-    if not is_terminal(sys.stderr) or _bar is not None:
+    if _bar is not None:
         yield
         return
-    _bar = _Bar(sys.stderr)
+    _bar = _Bar(sys.stderr) if is_terminal(sys.stderr) else _Lines(sys.stderr)
     try:
         yield
     finally:

@@ -65,13 +65,29 @@ def test_a_stage_is_not_drawn_over_and_over(screen: Screen) -> None:
     assert 0 < screen.getvalue().count("many") < 1000
 
 
-def test_nothing_is_shown_where_nobody_looks(screen: Screen, monkeypatch) -> None:
+def test_nothing_is_written_of_what_is_soon_done(screen: Screen, monkeypatch) -> None:
     pipe = io.StringIO()
     monkeypatch.setattr(terminal.sys, "stderr", pipe)
     with terminal.progress_bar():
         terminal.advance("x", 1, 2)
     assert pipe.getvalue() == screen.getvalue() == ""
     terminal.advance("x", 1, 2)  # outside of any bar
+
+
+def test_a_log_gets_a_line_per_stage_and_one_now_and_then(monkeypatch) -> None:
+    """Of work that takes long: whoever reads the log sees that it goes on, and where."""
+    log, clock = io.StringIO(), [100.0]
+    monkeypatch.setattr(terminal, "sys", SimpleNamespace(stderr=log, stdout=sys.stdout))
+    monkeypatch.setattr(terminal, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    with terminal.progress_bar():
+        for second in range(120):
+            clock[0] = 100.0 + second
+            terminal.advance("reading" if second < 20 else "fitting", second, 120)
+    lines = log.getvalue().splitlines()
+    assert lines == [
+        "15 s: reading (12%)", "20 s: fitting (17%)", "50 s: fitting (42%)",
+        "80 s: fitting (67%)", "110 s: fitting (92%)",
+    ]  # fmt: skip
 
 
 def test_a_failure_clears_the_bar(screen: Screen) -> None:
