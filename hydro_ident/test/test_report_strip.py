@@ -27,7 +27,7 @@ from hydro_ident.mismatch.rows.state_space import UNITS
 from hydro_ident.mismatch.unnamed.describe import Form, Value, form_text
 from hydro_ident.mismatch.unnamed.unknown import Unexplained
 from hydro_ident.report.channel_rows import ChannelRows, channel_rows
-from hydro_ident.report.diagnosis_verdict import _next, diagnosis_verdict
+from hydro_ident.report.diagnosis_verdict import _experiments, _next, diagnosis_verdict
 from hydro_ident.report.unnamed_words import in_words, unnamed_part
 from hydro_ident.report.verdict_words import DRIVE
 from hydro_model.robot_files import load_robot
@@ -182,3 +182,17 @@ def test_a_model_found_in_another_robots_bag_is_not_to_be_driven(
 
 def test_the_formula_of_the_terminal_stays_the_packages_own() -> None:
     assert "+- 3.1 N" in form_text(RIPPLE)
+
+
+def test_an_experiment_is_told_once_with_its_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nine joints with the same two names had made the same sentence nine times."""
+    told = {
+        "names": ["coulomb_friction", "presliding_friction"],
+        "probability": [0.5, 0.5],
+        "separating_experiment": "short reversals",
+    }
+    monkeypatch.setattr("hydro_ident.report.diagnosis_verdict.finding_dict", lambda *_: told)
+    found = Diagnosis(EXPLAINED, ROBOT, None)
+    at = [SimpleNamespace(named=SimpleNamespace(term=SimpleNamespace(target=t))) for t in "ab"]
+    (line,) = _experiments(replace(found, findings=tuple(at)))  # type: ignore[arg-type]
+    assert line == "To tell Coulomb friction from presliding friction (a, b): short reversals."

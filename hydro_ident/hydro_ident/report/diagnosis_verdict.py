@@ -220,15 +220,25 @@ def _odds(findings: Sequence[Finding]) -> str:
     )
 
 
-def _next(found: Diagnosis) -> list[str]:
-    if found.verdict == NOT_ENOUGH:
-        return [f"{text[0].upper()}{text[1:]}." for text in found.problems]
-    lines = []
+def _experiments(found: Diagnosis) -> list[str]:
+    """What would tell names apart that are not, each experiment once with all its places."""
+    places: dict[tuple[str, str], list[str]] = {}
     for one in found.findings:
         data = finding_dict(found, one)
         if len(data["names"]) > 1 or data["probability"][0] < _SURE:
             names = " from ".join(plain(name) for name in data["names"][:2])
-            lines.append(f"To tell {names}: {data['separating_experiment']}.")
+            key = names, data["separating_experiment"]
+            places.setdefault(key, []).append(one.named.term.target)
+    return [
+        f"To tell {names} ({shortened(at)}): {experiment}."
+        for (names, experiment), at in places.items()
+    ]
+
+
+def _next(found: Diagnosis) -> list[str]:
+    if found.verdict == NOT_ENOUGH:
+        return [f"{text[0].upper()}{text[1:]}." for text in found.problems]
+    lines = _experiments(found)
     if found.unexplained:
         where = [u.channel for u in found.unexplained]
         lines.append(
