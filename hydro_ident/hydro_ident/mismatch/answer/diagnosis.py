@@ -50,6 +50,7 @@ from hydro_ident.mismatch.settings import (
     DiagnosisSettings,
 )
 from hydro_ident.mismatch.split.held_out import rms
+from hydro_ident.mismatch.split.listed_friction import bristle_notes
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
 from hydro_ident.mismatch.trials.exclusion import shut_out
 from hydro_ident.mismatch.unnamed.unknown import Unexplained
@@ -157,6 +158,7 @@ def _diagnosed(
     notes += [refined.note] if refined is not None else []
     notes += small
     notes += listed_notes(work.robot, whole) + as_listed_notes(whole, work.training)
+    notes += bristle_notes(work.training, whole)
     notes += search_notes(search, whole, rejected, taken) + silent_notes(findings)
     ratios = apart(work, whole, channels)
     told = {name for f in (*findings, *minor) for name in f.channels}

@@ -44,6 +44,7 @@ from hydro_ident.mismatch.rows.telling import telling
 from hydro_ident.mismatch.rows.whole import read_whole
 from hydro_ident.mismatch.settings import LONGEST_SCAN_S, DiagnosisSettings
 from hydro_ident.mismatch.split.check import Check, elsewhere, held_back
+from hydro_ident.mismatch.split.listed_friction import bristled
 from hydro_ident.mismatch.split.parts import (
     hardly_held,
     length_s,
@@ -247,6 +248,7 @@ def _refitted(
     before = fixed_prior if settings.fixed_base else parts_prior
     prior = with_skews(before(predictor, robot, predictor.parameters(start)), predictor)
     training, base = with_listed(Training.of(predictor, rows, prior), start)
+    base = bristled(training, base)
     std = np.sqrt(np.maximum(np.diag(base.covariance), 0.0))
     prior = with_ripples(prior, predictor, base.model, std, training.cycle_s)
     training = replace(training, prior=prior)

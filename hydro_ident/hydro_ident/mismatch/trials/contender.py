@@ -11,27 +11,27 @@ from hydro_ident.mismatch.fitting.weighed import Weighed
 from hydro_ident.mismatch.trials.exclusion import exclude, rival
 from hydro_model.effects.targets import ActiveEffect
 
-_DRY, _PRESLIDING = "coulomb_friction", "presliding_friction"
+DRY, BRISTLE = "coulomb_friction", "presliding_friction"
 #: Ranges of a parameter outside which a law is nothing but another one's, rounded: a bristle that
 #: bends over less than a tenth of a millimetre, or friction that falls off over more than any slow
 #: motion, is Coulomb's law.
 LIMITS = {
-    _PRESLIDING: ("distance", 1.0e-4, np.inf, _DRY),
-    "stribeck_friction": ("stribeck_velocity", 0.0, 0.05, _DRY),
+    BRISTLE: ("distance", 1.0e-4, np.inf, DRY),
+    "stribeck_friction": ("stribeck_velocity", 0.0, 0.05, DRY),
 }
 #: Within this factor beyond its limit a law still bears its own name as well: the limit is a
 #: convention, and by what damps a bristle one of 0.15 mm may come out at 0.08.
 _BORDER = 2.0
 #: ... and up to this factor within it a bristle bears the other name as well: what is meant by dry
 #: friction is often simulated by a bristle, of tenths of a millimetre.
-_BRISTLE = 3.0
+_AS_DRY = 3.0
 #: Limits on joints without cylinder: a mode above the 10 Hz that rows of torques keep is stiff
 #: there, and what its inertia does to its own joint alone is a rotor's.
 DRIVE_LIMITS = {"structural_flexibility": ("frequency", 0.0, 12.0, "rotor_inertia")}
 #: What turns is slow, and bends, by what a piston does at a lever of a quarter of a metre.
 _TURNING = {
-    _PRESLIDING: ("distance", 4.0e-4, np.inf, _DRY),
-    "stribeck_friction": ("stribeck_velocity", 0.0, 0.2, _DRY),
+    BRISTLE: ("distance", 4.0e-4, np.inf, DRY),
+    "stribeck_friction": ("stribeck_velocity", 0.0, 0.2, DRY),
 }
 #: Sizes below which a finding is none, under the tip (or at what slides) and at what turns: what
 #: gives way by a metre under a push of 100 N is no ground, and nothing that turns an arm by a
@@ -73,8 +73,8 @@ class Contender:
     def border_names(self) -> tuple[str, ...]:
         """Further names near a limit: the law's own beyond it, a bristle's other within it."""
         names = [self._named_within(_BORDER)]
-        if self.name == _PRESLIDING:
-            names.append(self._named_within(1.0 / _BRISTLE))
+        if self.name == BRISTLE:
+            names.append(self._named_within(1.0 / _AS_DRY))
         return tuple(name for name in dict.fromkeys(names) if name != self.name)
 
     def rivals(self, other: Contender) -> bool:
@@ -85,12 +85,7 @@ class Contender:
     @property
     def _limits(self) -> Mapping[str, tuple[str, float, float, str]]:
         """Ranges outside which its law is another one's."""
-        if self.term.joint is None:
-            return LIMITS
-        # Of the first joint a rotor is part of the link's inertia, and nothing is left to name.
-        drive = DRIVE_LIMITS if self.term.joint else {}
-        # What slides does so in metres, as a piston does.
-        return LIMITS | drive | ({} if self.term.prismatic else _TURNING)
+        return _limits_at(self.term)
 
     def _named_within(self, factor: float) -> str:
         """The name with limits this much wider."""
@@ -99,16 +94,37 @@ class Contender:
             parameter, least, most, other = self._limits[effect.name]
             at = [p.name for p in effect.parameters].index(parameter)
             if not least / factor <= self.term.parameters[at] <= factor * most:
-                return _PRESLIDING if other == _DRY and self._bends_within(factor) else other
+                return BRISTLE if other == DRY and self._bends_within(factor) else other
         return effect.name
 
     def _bends_within(self, factor: float) -> bool:
         """Whether a dry friction that has lost its dip gives way as far as bristles do."""
         names = [p.name for p in self.term.effect.parameters]
-        parameter, least, _, _ = self._limits[_PRESLIDING]
+        parameter, least, _, _ = self._limits[BRISTLE]
         return parameter in names and bool(
             self.term.parameters[names.index(parameter)] >= least / factor
         )
+
+
+def _limits_at(term: ActiveEffect) -> Mapping[str, tuple[str, float, float, str]]:
+    if term.joint is None:
+        return LIMITS
+    # Of the first joint a rotor is part of the link's inertia, and nothing is left to name.
+    drive = DRIVE_LIMITS if term.joint else {}
+    # What slides does so in metres, as a piston does.
+    return LIMITS | drive | ({} if term.prismatic else _TURNING)
+
+
+def as_dry(bristle: ActiveEffect) -> bool:
+    """Whether a bristle bends over no more than what is called dry friction still.
+
+    Parameters
+    ----------
+    bristle : ActiveEffect
+    """
+    parameter, least, _, _ = _limits_at(bristle)[BRISTLE]
+    at = [p.name for p in bristle.effect.parameters].index(parameter)
+    return bool(bristle.parameters[at] <= _AS_DRY * least)
 
 
 def at_a_bound(term: ActiveEffect) -> str:

@@ -1,0 +1,87 @@
+"""Listed dry friction that bends before it slides: a bristle in the place of the listed law.
+
+Whoever lists Coulomb friction means all of a seal's, and seals bend over some hundredths of a
+millimetre before they slide. Coulomb's law has no travel, so that beside it another friction is
+found which is only its bend, and takes most of the listed force with it. Where a bristle fits
+better, and bends over no more than what is called dry friction still, it is what is listed in
+another form, and no finding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hydro_ident.mismatch.fitting.as_listed import LISTED_GAIN, key_of, listed_effects
+from hydro_ident.mismatch.fitting.fitted import Fitted
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.fitting.training import Training
+from hydro_ident.mismatch.rows.modelled import Model
+from hydro_ident.mismatch.trials.contender import BRISTLE, DRY, as_dry
+from hydro_model.effects.catalogue import CATALOGUE, resolve
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import EffectSpec
+
+#: Travels that fits begin with, over the law's own least.
+_FIRST = (2.5, 12.5)
+
+
+def bristled(training: Training, base: Fitted) -> Fitted:
+    """The base with bristles in the place of listed Coulomb friction where these fit better.
+
+    Parameters
+    ----------
+    training : Training
+    base : Fitted
+        With the listed effects.
+    """
+    for key in listed_effects(training):
+        term = next((t for t in base.model.terms if key_of(t) == key), None)
+        if term is None or term.effect.name != DRY:
+            continue
+        bent = (BRISTLE, term.target)
+        if any(key_of(t) == bent for t in base.model.terms):
+            continue
+        noise = base.bench.noise
+        starts = [_with(base.model, term, _bent(training, term, times)) for times in _FIRST]
+        fresh = min((fit(training, one, noise) for one in starts), key=lambda one: one.squares)
+        found = next(t for t in fresh.model.terms if key_of(t) == bent)
+        if base.squares - fresh.squares > LISTED_GAIN and as_dry(found):
+            base = fit(training, fresh.model)
+    return base
+
+
+def bristle_notes(training: Training, whole: Fitted) -> list[str]:
+    """Which listed Coulomb friction stands in the model as a bristle, in words.
+
+    Parameters
+    ----------
+    training : Training
+    whole : Fitted
+        The final model.
+    """
+    now = {key_of(term): term for term in whole.model.terms}
+    notes = []
+    for name, target in listed_effects(training):
+        bent = now.get((BRISTLE, target))
+        if name != DRY or (name, target) in now or bent is None:
+            continue
+        force, distance = bent.parameters
+        units = bent.units
+        notes.append(
+            f"{DRY} of {target}, which the robot file lists, bends over {distance:.2g} {units[1]}"
+            f" before it slides: it stands in the model as {BRISTLE} of {force:.4g} {units[0]}"
+        )
+    return notes
+
+
+def _bent(training: Training, term: ActiveEffect, times: float) -> ActiveEffect:
+    """A bristle of the same force at the same place, its travel as often the least one."""
+    least = CATALOGUE[BRISTLE].parameters[1].lower
+    numbers = {"force": float(term.parameters[0]), "distance": times * least}
+    spec = EffectSpec(BRISTLE, term.target, numbers)
+    (bent,) = resolve(replace(training.predictor.material.robot, effects=(spec,)))
+    return bent
+
+
+def _with(model: Model, old: ActiveEffect, new: ActiveEffect) -> Model:
+    return replace(model, terms=tuple(new if t is old else t for t in model.terms))

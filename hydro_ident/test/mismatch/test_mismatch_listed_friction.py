@@ -1,0 +1,58 @@
+"""Listed Coulomb friction of a seal that bends before it slides: nothing was left out there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from hydro_ident.mismatch.answer.answering import answered, base_to_search
+from hydro_ident.mismatch.split.listed_friction import bristle_notes
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_model.robot import EffectSpec
+
+Make = tuple[Callable[..., Any], Callable[..., Any]]
+LIFT, FORCE_N = "lift_cylinder", 2500.0
+LISTED = (EffectSpec("coulomb_friction", LIFT, {"force": 2000.0}),)
+
+
+def _bending(make_run: Make, lay_out: Callable[..., Residuals], distance_m: float) -> Residuals:
+    true_crane, simulated_run = make_run
+    numbers = {"force": FORCE_N, "distance": distance_m}
+    crane = replace(true_crane(), effects=(EffectSpec("presliding_friction", LIFT, numbers),))
+    return lay_out(simulated_run(crane, 20.0), listed=LISTED)
+
+
+@pytest.fixture(scope="module")
+def bent(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
+    """A crane whose lift's seal bends over a tenth of a millimetre."""
+    return _bending(make_run, lay_out, 1.0e-4)
+
+
+def test_what_is_listed_stands_as_a_bristle(bent: Residuals) -> None:
+    (term,) = bent.base.model.terms
+    assert (term.effect.name, term.target) == ("presliding_friction", LIFT)
+    force, distance = term.parameters
+    assert force == pytest.approx(FORCE_N, rel=0.02)
+    assert distance == pytest.approx(1.0e-4, rel=0.15)
+    (note,) = bristle_notes(bent.training, bent.base)
+    assert note.startswith(
+        f"coulomb_friction of {LIFT}, which the robot file lists, bends over 0."
+    )
+
+
+def test_no_other_friction_is_found_beside_it(bent: Residuals) -> None:
+    answer = answered(bent, base_to_search(bent))
+    assert answer.names == set()
+    assert not answer.unknown
+
+
+def test_a_travel_that_is_no_dry_frictions_is_left_to_the_search(
+    make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    far = _bending(make_run, lay_out, 1.0e-3)
+    (term,) = far.base.model.terms
+    assert term.effect.name == "coulomb_friction"
+    assert bristle_notes(far.training, far.base) == []
