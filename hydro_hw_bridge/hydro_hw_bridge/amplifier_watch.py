@@ -1,22 +1,25 @@
-"""Whether the amplifiers follow enable, by what they say of themselves. Pure."""
+"""Whether the amplifiers follow, by what they say of themselves. Pure."""
 
 from __future__ import annotations
 
 from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.held_voltages import HeldVoltages
 
 #: How long amplifiers may take to come on: at 0 V nothing moves meanwhile.
 ENABLE_S = 0.1
 
 
 class AmplifierWatch:
-    """The amplifiers' own bit, from the begin of driving on.
+    """The amplifiers' own bit, and whether they take frames, from the begin of driving on.
 
     Parameters
     ----------
     limits : GateLimits
+    held : HeldVoltages
     """
 
-    def __init__(self, limits: GateLimits) -> None:
+    def __init__(self, limits: GateLimits, held: HeldVoltages) -> None:
+        self._held = held
         self._settling = limits.max_age_cycles
         self._patience = max(self._settling, round(ENABLE_S / limits.period_s))
         self._patience_s = self._patience * limits.period_s
@@ -46,8 +49,10 @@ class AmplifierWatch:
             return ""
         if on is not False:
             self._came_on = True
-        elif self._came_on:
+            return self._held.complaint
+        self._held.rest()
+        if self._came_on:
             return "the amplifiers switched off while driving"
-        elif driven_cycles > self._patience:
+        if driven_cycles > self._patience:
             return f"the amplifiers did not come on within {1e3 * self._patience_s:.0f} ms"
         return ""

@@ -14,7 +14,8 @@ from enum import Enum
 
 from hydro_hw_bridge.amplifier_watch import AmplifierWatch
 from hydro_hw_bridge.gate_limits import GateLimits
-from hydro_hw_bridge.output_ramp import RATE_FACTOR, ROUNDING_V, OutputRamp
+from hydro_hw_bridge.held_voltages import ROUNDING_V, HeldVoltages
+from hydro_hw_bridge.output_ramp import RATE_FACTOR, OutputRamp
 from hydro_hw_bridge.permissives import Inputs, missing_permissive
 
 
@@ -64,6 +65,8 @@ class Gate:
         Since the start.
     faults : dict of str
         Standing conditions outside the commands, by name: none may be there to drive.
+    held : HeldVoltages
+        Where the valves may be; for whoever sends the output to keep.
     """
 
     def __init__(self, limits: GateLimits) -> None:
@@ -80,8 +83,9 @@ class Gate:
         self._first = 0
         self._accepted = 0
         self._command = self._zero
-        self._ramp = OutputRamp(limits)
-        self._amplifiers = AmplifierWatch(limits)
+        self.held = HeldVoltages(limits)
+        self._ramp = OutputRamp(limits, self.held)
+        self._amplifiers = AmplifierWatch(limits, self.held)
         self._released: int | None = None
 
     def carry_over(self, other: Gate) -> None:

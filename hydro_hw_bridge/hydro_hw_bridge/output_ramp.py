@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.held_voltages import ROUNDING_V, HeldVoltages
 
-#: Twice the slew limit, less what rounding may add to a step that is exactly legal.
+#: Twice the slew limit.
 RATE_FACTOR = 2.0
-ROUNDING_V = 1e-9
 #: How long the output stays slow after a trip was cleared: time to see what moves, and to stop it.
 REENABLE_S = 1.0
 
@@ -19,6 +19,8 @@ class OutputRamp:
     Parameters
     ----------
     limits : GateLimits
+    held : HeldVoltages
+        Where the amplifiers may still be: a step is one from there, too.
 
     Attributes
     ----------
@@ -28,8 +30,8 @@ class OutputRamp:
         A trip was cleared, and the valves were not driven for a second since.
     """
 
-    def __init__(self, limits: GateLimits) -> None:
-        self._limits = limits
+    def __init__(self, limits: GateLimits, held: HeldVoltages) -> None:
+        self._limits, self._held = limits, held
         self._zero = (0.0,) * len(limits.valve_names)
         # Counted are the cycles that commands answer: the first may have been an old one.
         self._slow_cycles = round(REENABLE_S / limits.period_s) + limits.max_age_cycles
@@ -74,6 +76,10 @@ class OutputRamp:
                 _towards(value, before, most)
                 for value, before in zip(values, self.applied_v, strict=True)
             )
+            # Frames that were lost, late or not taken by the bus moved nothing.
+            legal = RATE_FACTOR * self._limits.legal_step_v
+            most = self._limits.reenable_step_v if slow else legal
+            values = self._held.towards(values, self.applied_v, most)
         self._ramping = slow or values != command_v
         self.applied_v = values
 

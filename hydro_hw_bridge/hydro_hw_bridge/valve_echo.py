@@ -7,9 +7,7 @@ from collections.abc import Sequence
 
 from hydro_hw_bridge.bridge_step import EchoCounters
 from hydro_hw_bridge.frames import Echo
-
-#: Cycles after which a frame that nobody has heard is lost: twice what a command may be old.
-PATIENCE = 10
+from hydro_hw_bridge.held_voltages import PATIENCE, HeldVoltages
 
 
 class ValveEcho:
@@ -19,14 +17,16 @@ class ValveEcho:
     ----------
     spans : sequence of int
         After how many `Echo.taken` and `Echo.refused` begin anew; empty: nothing is told.
+    held : HeldVoltages
+        Told what left and how much of it was taken.
 
     Attributes
     ----------
     counters : EchoCounters
     """
 
-    def __init__(self, spans: Sequence[int]) -> None:
-        self._spans = tuple(spans)
+    def __init__(self, spans: Sequence[int], held: HeldVoltages) -> None:
+        self._spans, self._held = tuple(spans), held
         self.counters = EchoCounters()
         self.forget()
 
@@ -36,8 +36,15 @@ class ValveEcho:
         self._open = 0
         self._recent: deque[int] = deque(maxlen=PATIENCE)
 
-    def sent(self) -> None:
-        """A valve frame left."""
+    def sent(self, voltages: tuple[float, ...]) -> None:
+        """A valve frame left.
+
+        Parameters
+        ----------
+        voltages : tuple of float
+            As of `HeldVoltages.sent`.
+        """
+        self._held.sent(voltages, told=bool(self._spans))
         if self._known is not None:
             self._open += 1
 
@@ -55,12 +62,15 @@ class ValveEcho:
         # A count that may have gone around says nothing.
         if self._known is None or not 0 < counter - self._known[1] < min(self._spans):
             self.forget()
+            self._held.took(0, counter, counter)
         else:
-            self._compare(self._known[0], echo)
+            before, since = self._known
+            taken = (echo.taken - before.taken) % self._spans[0]
+            self._held.took(taken, since, counter)
+            self._compare(before, echo, taken)
         self._known = echo, counter
 
-    def _compare(self, before: Echo, now: Echo) -> None:
-        taken = (now.taken - before.taken) % self._spans[0]
+    def _compare(self, before: Echo, now: Echo, taken: int) -> None:
         refused = (now.refused - before.refused) % self._spans[1]
         self.counters.refused += refused
         self._open -= taken + refused

@@ -9,12 +9,9 @@ import can
 from hydro_hw_bridge.bridge_step import Sample, Step, ValveState
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.gate import Gate
+from hydro_hw_bridge.held_voltages import WATCHDOG_S
 from hydro_hw_bridge.own_frames import OwnFrames
 from hydro_hw_bridge.valve_echo import ValveEcho
-
-#: Amplifiers that do not say whether they are on: without a frame for so long they are off, by
-#: the watchdog that the safety case asks of them.
-WATCHDOG_S = 0.05
 
 
 class ValveFrames:
@@ -44,9 +41,10 @@ class ValveFrames:
     def __init__(self, codec: Codec, gate: Gate, send: Callable[[can.Message], bool]) -> None:
         self._codec, self._gate, self._send = codec, gate, send
         self.own = OwnFrames()
-        self.echo = ValveEcho(codec.echo_spans)
+        self.echo = ValveEcho(codec.echo_spans, gate.held)
         self.spoke = False
         self._answer: can.Message | None = None
+        self._asked = gate.output
         self._zero_v = (0.0,) * len(codec.valve_names)
         self._answer_v = self.on_wire_v = self._zero_v
         self.answered = -1
@@ -57,6 +55,7 @@ class ValveFrames:
         self.answered = self._stated = -1
         self.on_wire_v = self._zero_v
         self.echo.forget()
+        self._gate.held.forget()
 
     def answer(self, counter: int) -> can.Message | None:
         """Send the gate's output as the answer to a cycle.
@@ -71,7 +70,7 @@ class ValveFrames:
         can.Message or None
             What was sent; None where the bus did not take it.
         """
-        output = self._gate.output
+        output = self._asked = self._gate.output
         self._answer = self._codec.encode_command(counter, output.voltages, output.enable)
         self.own.add(bytes(self._answer.data))
         # A frame with enable off is 0 V at the valves, whatever the wire has for 0 V.
@@ -91,7 +90,7 @@ class ValveFrames:
         if self._answer is None or not self._send(self._answer):
             return None
         self.spoke, self._left = True, self.answered
-        self.echo.sent()
+        self.echo.sent(self._asked.voltages)
         self.on_wire_v = self._answer_v
         return self._answer
 
@@ -131,5 +130,6 @@ class ValveFrames:
             return True
         if self._codec.tells_amplifiers:
             return not status.amplifier_enabled
+        # Those that do not say are off without a frame, by the watchdog that they have to have.
         unheard = sample.counter - self._left
         return unheard * self._gate.limits.period_s >= WATCHDOG_S

@@ -15,7 +15,7 @@ from hydro_hw_bridge.bridge_core import BridgeCore
 from hydro_hw_bridge.bridge_step import NOTHING, Step
 from hydro_hw_bridge.bus import BusCounters
 from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.frames import CommandFrame, Readings, Status
+from hydro_hw_bridge.frames import CommandFrame, Echo, Readings, Status
 from hydro_hw_bridge.gate import GateState
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_model.robot import Robot
@@ -60,7 +60,8 @@ class Bench:
     def cycle(self, counter: int, **changes: Any) -> Step:
         """All frames of a cycle; the step of the last of them, those before it in `early`."""
         steps = []
-        changes = {"lockstep": self.core.lockstep} | changes
+        heard = Echo(len(self.wire.sent), 0)
+        changes = {"lockstep": self.core.lockstep, "echo": heard} | changes
         for message in self.codec.encode_cycle(self.readings(counter, **changes)):
             frame = self.codec.receive(message)
             assert frame is not None
@@ -70,6 +71,7 @@ class Bench:
 
     def without(self, counter: int, lost: int, **changes: Any) -> list[Step]:
         """Steps of a cycle that lacks one of its frames."""
+        changes = {"echo": Echo(len(self.wire.sent), 0)} | changes
         messages = self.codec.encode_cycle(self.readings(counter, **changes))
         frames = [self.codec.receive(m) for k, m in enumerate(messages) if k != lost]
         return [self.core.receive(frame, NOW) for frame in frames if frame is not None]

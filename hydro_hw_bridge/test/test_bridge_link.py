@@ -15,7 +15,7 @@ from hydro_hw_bridge.bus_open import open_bus
 from hydro_hw_bridge.claims import Claim
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
-from hydro_hw_bridge.frames import CommandFrame, Readings
+from hydro_hw_bridge.frames import CommandFrame, Echo, Readings
 from hydro_hw_bridge.gate import GateState
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.link import CommandLink
@@ -47,7 +47,8 @@ class Ends:
     def cycle(self, volts: float | None) -> None:
         """A cycle of the machine, and a command or none."""
         self.counter += 1
-        for message in self.codec.encode_cycle(self.readings(self.counter)):
+        heard = Echo(self.near.counters.sent, 0)
+        for message in self.codec.encode_cycle(self.readings(self.counter, echo=heard)):
             self.far.send(message)
         for _ in self.codec.cycle_frames:
             message = self.near.receive(1.0)

@@ -179,6 +179,27 @@ def test_valve_frames_lost_as_driving_begins_cost_time_and_no_step(
     assert bench.core.gate.trips == 0
 
 
+@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("cycles", [8, 12, 20, 24])
+def test_valve_frames_lost_while_driving_are_followed_by_no_step(
+    trial: Trial, cycles: int, seed: int
+) -> None:
+    """The output goes on from what the amplifiers took last, and is at the command soon after."""
+    fault = BusFault("lost", AT, cycles, BRIDGE)
+    outcome = trial.run(Injection("bus", fault, None, Named(("valve_frames_lost",))), seed)
+    kept(outcome)
+    assert outcome.step_v <= 2.0 * trial.limits.legal_step_v + 1e-9
+    assert not outcome.tripped
+    bench = trial.bench
+    held = {row.voltages for row in bench.rows[AT : AT + cycles]}
+    assert len(held) == 1
+    bench.run(20)
+    for _ in range(50):
+        asked = bench.core.gate._command
+        bench.step()
+        assert bench.rows[-1].voltages == pytest.approx(asked, abs=1e-3)
+
+
 def test_valve_frames_that_are_the_same_again_are_ended_by_the_watchdog(trial: Trial) -> None:
     """A controller of the bus that sends its buffer on and on: the first is in time for 10 ms."""
     named = Named(("valve_frames_refused",), "watchdog shut them down")

@@ -12,7 +12,7 @@ import pytest
 from hydro_hw_bridge.bridge_core import BridgeCore
 from hydro_hw_bridge.bridge_step import ReadingCounters
 from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.frames import Readings
+from hydro_hw_bridge.frames import Echo, Readings
 from hydro_hw_bridge.gate import GateState
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_model.cylinder import stroke
@@ -60,7 +60,8 @@ def _driven(
     core.activate(ready=True)
     for k in range(1, CYCLES):
         said = {"strokes_m": (stroke_m(k),), "oil_temperature_c": oil_c(k)}
-        for message in codec.encode_cycle(readings(k, **_moving(k), **said)):
+        heard = Echo(len(sent), 0)
+        for message in codec.encode_cycle(readings(k, echo=heard, **_moving(k), **said)):
             frame = codec.receive(message)
             assert frame is not None
             core.receive(frame, NOW)

@@ -9,16 +9,20 @@ import pytest
 
 from hydro_hw_bridge.bridge_step import EchoCounters
 from hydro_hw_bridge.frames import Echo
-from hydro_hw_bridge.valve_echo import PATIENCE, ValveEcho
+from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.held_voltages import PATIENCE, HeldVoltages
+from hydro_hw_bridge.valve_echo import ValveEcho
 
 SPANS = (256, 32)
+LIMITS = GateLimits(("lift_valve",), (10.0,), 0.002, 1000.0, 5, 2.0e6)
+ZERO = (0.0,)
 
 
 class Way:
     """Frames from an echo's owner to amplifiers that count them, cycle by cycle."""
 
     def __init__(self, counter: int = 0) -> None:
-        self.echo = ValveEcho(SPANS)
+        self.echo = ValveEcho(SPANS, HeldVoltages(LIMITS))
         self.taken = self.refused = 0
         self.counter = counter
         self.cycle()
@@ -31,7 +35,7 @@ class Way:
         self.counter += 1
 
     def send(self, arrives: int = 1, *, intact: bool = True) -> None:
-        self.echo.sent()
+        self.echo.sent(ZERO)
         self.arrive(arrives, intact=intact)
 
     def arrive(self, frames: int = 1, *, intact: bool = True) -> None:
@@ -188,9 +192,9 @@ def test_a_device_that_counts_anew_is_no_fault() -> None:
 
 
 def test_amplifiers_that_tell_nothing() -> None:
-    echo = ValveEcho(())
+    echo = ValveEcho((), HeldVoltages(LIMITS))
     for counter in range(3 * PATIENCE):
-        echo.sent()
+        echo.sent(ZERO)
         echo.heard(None, counter)
     assert echo.counters == EchoCounters()
 

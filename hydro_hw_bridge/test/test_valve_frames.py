@@ -12,10 +12,10 @@ from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.frames import Echo
 from hydro_hw_bridge.gate import Gate
 from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.held_voltages import PATIENCE, WATCHDOG_S
 from hydro_hw_bridge.own_frames import KEPT, OwnFrames
 from hydro_hw_bridge.permissives import Inputs
-from hydro_hw_bridge.valve_echo import PATIENCE
-from hydro_hw_bridge.valve_frames import WATCHDOG_S, ValveFrames
+from hydro_hw_bridge.valve_frames import ValveFrames
 
 LIMITS = GateLimits(("lift_valve", "tilt_valve"), (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)
 NOW = 1_700_000_000_500_000_000
@@ -236,3 +236,33 @@ def test_a_device_that_counts_anew_is_not_held_to_what_left_before(
     for counter in range(2, 3 * PATIENCE):
         frames.echo.heard(Echo(0, 0), counter)
     assert frames.echo.counters.lost == 0
+
+
+def test_amplifiers_that_count_nothing_are_driven_by_one_step_and_not_for_long(
+    real_time: Any,
+) -> None:
+    """Whoever maps an echo that stands still is told so."""
+    real_time.start()
+    real_time.cycle(1, echo=Echo(0, 0))
+    sent = []
+    for counter in range(2, 40):
+        real_time.cycle(counter, echo=Echo(0, 0))
+        step = real_time.command(counter, 2.0 * min(counter - 1, 4))
+        if step.answer is not None:
+            sent.append(real_time.sent(step.answer).voltages[0])
+    assert sent[:3] == [2.0, 4.0, 4.0]
+    assert set(sent[1:]) == {4.0}
+    # From the 0 V that nobody heard in cycle 1 on.
+    assert len(sent) == 30
+    assert real_time.core.gate.reason == "the amplifiers took no valve frame for 60 ms"
+
+
+def test_what_a_device_that_counts_anew_held_before_holds_nothing_back(
+    codec: Codec, real_time: Any
+) -> None:
+    gate = Gate(LIMITS)
+    frames = ValveFrames(codec, gate, real_time.wire.send)
+    frames.answer(1)
+    assert gate.held.towards((9.0, 9.0), (0.0, 0.0), 1.0) == (1.0, 1.0)
+    frames.forget()
+    assert gate.held.towards((9.0, 9.0), (0.0, 0.0), 1.0) == (9.0, 9.0)

@@ -12,6 +12,7 @@ import pytest
 from hydro_hw_bridge.amplifier_watch import AmplifierWatch
 from hydro_hw_bridge.gate import Gate, GateState, Outcome, Output
 from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.held_voltages import HeldVoltages
 from hydro_hw_bridge.permissives import Inputs
 
 NAMES = ("lift_valve", "tilt_valve")
@@ -152,7 +153,33 @@ def test_amplifiers_that_do_not_tell_are_driven_as_before(waiting: Make) -> None
 
 
 def test_a_watch_that_never_began_waits_for_them() -> None:
-    watch = AmplifierWatch(LIMITS)
+    watch = AmplifierWatch(LIMITS, HeldVoltages(LIMITS))
     assert watch.look(False, 5) == ""
     assert watch.look(False, 50) == ""
     assert "did not come on" in watch.look(False, 51)
+
+
+@pytest.mark.parametrize("on", [True, None])
+def test_amplifiers_that_take_nothing_for_longer_than_a_watchdog_waits_trip(
+    waiting: Make, assert_tripped: Make, on: bool | None
+) -> None:
+    gate = _begun(waiting, 20, amplifiers_on=on)
+    gate.held.sent(gate.output.voltages, told=True)
+    for counter in range(120, 150):
+        gate.held.took(0, counter - 1, counter)
+        _cycle(gate, counter, replace(ON, amplifiers_on=on))
+    assert gate.state is GateState.DRIVING
+    gate.held.took(0, 149, 150)
+    _cycle(gate, 150, replace(ON, amplifiers_on=on))
+    assert_tripped(gate, "the amplifiers took no valve frame for 60 ms")
+
+
+def test_those_that_are_off_need_not_take_anything(waiting: Make) -> None:
+    gate = _begun(waiting, 6, amplifiers_on=False)
+    gate.held.sent(gate.output.voltages, told=True)
+    for counter in range(106, 151):
+        gate.held.took(0, counter - 1, counter)
+        assert _cycle(gate, counter, OFF) == 0.0
+    gate.held.took(0, 150, 151)
+    assert gate.held.complaint == ""
+    assert gate.state is GateState.DRIVING

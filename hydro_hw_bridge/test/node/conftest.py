@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ import pytest
 from hydro_hw_bridge.bus import Bus
 from hydro_hw_bridge.bus_open import open_bus
 from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.frames import CommandFrame, Readings
+from hydro_hw_bridge.frames import CommandFrame, Echo, Readings
 
 DOMAIN = 10 + os.getpid() % 90
 #: How long to wait for what must come, however busy the machine is.
@@ -84,10 +85,14 @@ class Device:
         self.bus, self.codec, self.readings = bus, codec, readings
         self.counter = 0
         self.lockstep = False
+        self.taken = 0
+        self._came: deque[CommandFrame] = deque()
 
     def send(self, counter: int, **changes: Any) -> None:
         self.counter = counter
-        changes = {"lockstep": self.lockstep} | changes
+        while self._take(0.0):
+            pass  # as amplifiers do: whatever came is theirs as the cycle begins
+        changes = {"lockstep": self.lockstep, "echo": Echo(self.taken % 256, 0)} | changes
         for message in self.codec.encode_cycle(self.readings(counter, **changes)):
             self.bus.send(message)
 
@@ -101,13 +106,19 @@ class Device:
     def next_command(self, wait_s: float) -> CommandFrame | None:
         """The next valve frame, if there is one within a while."""
         end = time.monotonic() + wait_s
-        while (left := end - time.monotonic()) > 0:
-            message = self.bus.receive(left)
-            frame = None if message is None else self.codec.receive(message)
-            if frame is not None and frame.role == "command":
-                assert frame.intact
-                return self.codec.decode_command(frame)
-        return None
+        while not self._came and (left := end - time.monotonic()) > 0:
+            self._take(left)
+        return self._came.popleft() if self._came else None
+
+    def _take(self, wait_s: float) -> bool:
+        """Whether a frame came, which is kept where it is a valve frame."""
+        message = self.bus.receive(wait_s)
+        frame = None if message is None else self.codec.receive(message)
+        if frame is not None and frame.role == "command":
+            assert frame.intact
+            self._came.append(self.codec.decode_command(frame))
+            self.taken += 1
+        return message is not None
 
     def answer(self, wait_s: float = PATIENCE_S) -> CommandFrame:
         """The next valve frame."""
