@@ -84,7 +84,7 @@ class BridgeCore:
         self.active = False
         self.ready = False
         self.sample: Sample | None = None
-        self._closing = 0
+        self._begun = self._closing = 0
 
     @property
     def spoke(self) -> bool:
@@ -168,7 +168,8 @@ class BridgeCore:
             self.clock.start(counter, now_ns)
         was = self.gate.state
         if counter != before:
-            self.gate.advance(self.clock.extend(counter))
+            self._begun = self.clock.extend(counter)
+            self.gate.advance(self._begun)
         if counters.contradicted != contradicted and self.active:
             self._supervision.contradicted(frame)
         if frame.role == "sync":
@@ -266,7 +267,7 @@ class BridgeCore:
         was = self.gate.state
         outcome, counter = self._intake.judge(stamp_ns, names, voltages, number)
         if outcome is Outcome.ACCEPTED and counter is not None:
-            return self._valves.step(counter, self.sample)
+            return self._answered(self.sample, counter)
         if outcome is Outcome.RELEASED or self.gate.state is not was:
             return self.stop_now()
         return NOTHING
@@ -275,7 +276,17 @@ class BridgeCore:
         """The gate stopped driving: tell the device at once."""
         if not self.active or self.gate.state is GateState.DRIVING or self.sample is None:
             return NOTHING
-        return self._valves.step(self.sample.counter, self.sample)
+        return self._answered(self.sample, self.sample.counter)
+
+    def _answered(self, newest: Sample, counter: int) -> Step:
+        """Answer a cycle, and tell what followed for the newest that is whole.
+
+        Where a later one has begun, what leaves now is in force in that one: up to its begin
+        the valves had what they had.
+        """
+        before = self._valves.state_of(newest) if self._begun > newest.counter else ()
+        step = self._valves.step(counter, newest)
+        return Step(valve_states=(*before, *step.valve_states), answer=step.answer)
 
     def _after(self, was: GateState) -> Step:
         """What follows where the gate is not as it was: it stopped driving."""

@@ -23,15 +23,16 @@ class Driven:
         self.told: dict[int, tuple[float, ...]] = {}
         bench.core.activate(ready=True)
 
-    def runs(self, cycles: Sequence[int], lift_v: float) -> None:
+    def runs(self, cycles: Sequence[int], lift_v: float, **inputs: bool) -> None:
         """Cycles by their counters, each with a command."""
         for counter in cycles:
-            status = {
+            status = inputs | {
                 "amplifier_enabled": self.amplifier.enabled,
                 "amplifier_watchdog": self.amplifier.tripped,
             }
             sent = len(self.bench.wire.sent)
-            steps = [self.bench.cycle(counter, **status), self.bench.command(counter, lift_v)]
+            last = self.bench.cycle(counter, **status)
+            steps = [*self.bench.early, last, self.bench.command(counter, lift_v)]
             heard = [self.bench.sent(message) for message in self.bench.wire.sent[sent:]]
             newest = heard[-1] if heard else None
             asked = (None, False) if newest is None else (newest.voltages, newest.enable)
@@ -62,3 +63,37 @@ def test_a_bus_that_takes_nothing_for_a_while_is_told_as_the_amplifiers_have_it(
     # When they are off by themselves they say so in the cycle that follows.
     assert driven.apart() == ([74] if refused > 24 else [])
     assert driven.outputs[74] == ((0.0, 0.0) if refused > 24 else driven.told[74])
+
+
+def test_a_stop_by_the_next_cycles_sync_is_told_of_that_cycle(real_time: Any) -> None:
+    """Up to it the valves had what was sent before: the one that is over did not stop."""
+    driven = Driven(real_time)
+    driven.runs(range(1, 20), 1.0)
+    real_time.cycle(20)  # and no command for it
+    driven.outputs[20] = tuple(map(float, driven.amplifier.step(None, False, permitted=True)))
+    driven.runs(range(21, 22), 1.0, emergency_stop_ok=False)
+    driven.runs(range(22, 24), 1.0)
+    assert real_time.core.gate.reason == "emergency stop"
+    assert driven.told[20] == driven.told[19] == (1.0, 0.0)
+    assert driven.told[21] == driven.outputs[21] == (0.0, 0.0)
+    assert driven.apart() == []
+
+
+@pytest.mark.parametrize("stops", [False, True])
+def test_a_command_that_comes_once_the_next_cycle_has_begun_is_told_of_that_one(
+    real_time: Any, stops: bool
+) -> None:
+    real_time.drive(1.0)
+    real_time.cycle(2)
+    sync, *rest = real_time.codec.encode_cycle(real_time.readings(3))
+    for message in (sync, *rest[:1]):
+        assert real_time.core.receive(real_time.codec.receive(message), 0).valve_states == ()
+    # 6 V at once are refused: a stop, by a command.
+    step = real_time.command(2, 6.0 if stops else 2.0)
+    assert [state.voltages for state in step.valve_states] == [(1.0, 0.0)]
+    for message in rest[1:]:
+        step = real_time.core.receive(real_time.codec.receive(message), 0)
+    (state,) = (*step.valve_states, *real_time.cycle(4).valve_states)[:1]
+    zero_ns = real_time.core.clock.zero_stamp_ns
+    assert round((state.stamp_ns - zero_ns) * 1e-9 / PERIOD_S) == 3
+    assert state.voltages == ((0.0, 0.0) if stops else (2.0, 0.0))
