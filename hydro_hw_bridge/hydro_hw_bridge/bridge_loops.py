@@ -14,27 +14,20 @@ from hydro_hw_bridge.bridge_core import BridgeCore
 from hydro_hw_bridge.bridge_start import BridgeParts
 from hydro_hw_bridge.bridge_step import NOTHING, Step
 from hydro_hw_bridge.bridge_times import BridgeTimes
-from hydro_hw_bridge.claims import CLAIM_PERIOD_S
+from hydro_hw_bridge.bridge_turns import Arrival, BridgeTurns, tells_time
 from hydro_hw_bridge.errors import BridgeError
-from hydro_hw_bridge.frames import Frame
 from hydro_hw_bridge.link import CommandLink
 from hydro_hw_bridge.parameters import LOCKSTEP
 from hydro_hw_bridge.publishers import BridgePublishers
-from hydro_hw_bridge.supervision import FOREIGN
 from hydro_msgs_docs.hot_loop import HotWait
 from hydro_msgs_docs.hot_messages import HotVectors
 from hydro_msgs_docs.topics import VALVE_COMMAND, reliable
 
 RECEIVE_TIMEOUT_S = 0.005
-#: Silence is told by a bus on which nothing waits; where something always does, after this.
-LONGEST_SILENCE_S = 0.05
 COMMAND_TIMEOUT_S = 0.5
-#: Longer than a device in lockstep takes to repeat a cycle.
-SILENT_S = 2.5
 JOIN_S = 2.0
 #: 0 V is sent again where the bus does not take it, this far apart and for as long.
 LAST_PERIOD_S, LAST_S = 0.002, 0.2
-SECOND_BRIDGE = "second_bridge"
 
 
 class BridgeLoops:
@@ -54,8 +47,6 @@ class BridgeLoops:
 
     Attributes
     ----------
-    core : BridgeCore
-        Since the last `start`; for others to look at.
     times : BridgeTimes
     """
 
@@ -69,7 +60,8 @@ class BridgeLoops:
         self._parts, self._on_change, self._on_error = parts, on_change, on_error
         self._lock = threading.Lock()
         self._link = CommandLink(parts.bus, parts.limits.max_age_cycles)
-        self.core = self._new_core()
+        claim, now_s = parts.claim, time.monotonic()
+        self._turns = BridgeTurns(self._new_core(), self._link, claim, now_s)
         self.times = self._new_times()
         self._clock = node.get_clock()
         self._hot = HotVectors(node, VALVE_COMMAND, reliable())
@@ -78,7 +70,6 @@ class BridgeLoops:
         self._threads: list[threading.Thread] = []
         # Of the threads that run: one that does not end in time never comes alive again.
         self._running = threading.Event()
-        self._heard_at = self._foreign_at = time.monotonic()
 
     def _new_core(self) -> BridgeCore:
         parts, lockstep = self._parts, self._parts.settings.clock == LOCKSTEP
@@ -89,6 +80,11 @@ class BridgeLoops:
         return BridgeTimes(self._parts.limits.period_s, lockstep=lockstep)
 
     # -- from the node
+
+    @property
+    def core(self) -> BridgeCore:
+        """Since the last `start`; for others to look at."""
+        return self._turns.core
 
     @property
     def running(self) -> bool:
@@ -105,8 +101,7 @@ class BridgeLoops:
         """
         core = self._new_core()
         with self._lock:
-            core.carry_over(self.core)
-            self.core = core
+            self._turns.begin(core)
         self._drain()
         self._topics = topics
         self._running = running = threading.Event()
@@ -158,8 +153,7 @@ class BridgeLoops:
     def deactivate(self) -> None:
         """Drive no more: 0 V now, where there is a device."""
         with self._lock:
-            core = self.core
-            refused = core.active and core.deactivate() is None and core.sample is not None
+            refused = self._turns.deactivate()
         if refused:
             self.send_zero(1)
 
@@ -185,10 +179,7 @@ class BridgeLoops:
         """Every `CLAIM_PERIOD_S`: say who drives here, and forget others that are gone."""
         self._parts.claim.send()
         with self._lock:
-            if self._parts.claim.others_gone():
-                self.core.gate.end_fault(SECOND_BRIDGE)
-            if time.monotonic() - self._foreign_at > CLAIM_PERIOD_S:
-                self.core.gate.end_fault(FOREIGN)
+            self._turns.look_for_others(time.monotonic())
 
     def state(self) -> tuple[object, ...]:
         """What others are told of at once where it has changed."""
@@ -205,10 +196,10 @@ class BridgeLoops:
             Of robot, mapping and the like.
         """
         topics = self._topics
-        silent = bool(self._threads) and time.monotonic() - self._heard_at > SILENT_S
+        silent = bool(self._threads) and self._turns.silent(time.monotonic())
         missing = (
             topics.matched(self._parts.settings.required_subscribers)
-            if topics is not None and self.core.active and not self.core.ready
+            if topics is not None and self._turns.waits
             else []
         )
         with self._lock:
@@ -234,57 +225,20 @@ class BridgeLoops:
                 break  # whoever runs by now reads for himself
             begin_ns = time.monotonic_ns()
             frame = None if message is None else codec.receive(message)
-            came_ns, waited_s = 0, None
-            heard_at = self._heard_at
-            if message is not None and frame is not None and frame.role == "sync" and frame.intact:
-                heard_at = time.monotonic()
+            arrival = None
+            if message is not None and tells_time(frame):
                 waited_s = bus.waited_s(message)
-                came_ns = self._clock.now().nanoseconds - round(1e9 * waited_s)
-            if frame is not None and frame.role == "claim":
-                self._hear_claim(frame)
-                frame = None
+                ros_ns = self._clock.now().nanoseconds - round(1e9 * waited_s)
+                arrival = Arrival(time.monotonic(), waited_s, ros_ns)
+            idle = message is None
             with self._lock:
-                # Not before: until a frame is judged, commands are as old as the one before it.
-                self._heard_at = heard_at
-                first = NOTHING if frame is None else self._received(frame, came_ns)
-                late = () if waited_s is None else self._read_late(waited_s)
-                silence = self._silence(message is None)
-                # What is wrong with the bus is news after an error frame, which is no message,
-                # after sending or failing to, and once a cycle in any case.
-                news = message is None or waited_s is not None or self._link.tried
-                of_bus = self._look_at_bus() if news else ()
-                steps = (first, *late, silence, *of_bus)
-            self.times.arrived(first.sample, begin_ns)
+                steps = self._turns.received(frame, arrival, time.monotonic(), idle=idle)
+            sample = steps[0].sample
+            self.times.arrived(sample, begin_ns)
             self._publish(*steps)
-            self.times.published(first.sample, begin_ns)
-            if message is None or first.sample is not None:
+            self.times.published(sample, begin_ns)
+            if idle or sample is not None:
                 self._parts.real_time.idle()
-
-    def _received(self, frame: Frame, came_ns: int) -> Step:
-        """With the lock: what follows from a frame."""
-        if frame.role != "command":
-            return self.core.receive(frame, came_ns)
-        if not frame.intact:
-            return NOTHING
-        before = self.core.commands.foreign
-        step = self.core.hear_command(frame)
-        if self.core.commands.foreign != before:
-            self._foreign_at = time.monotonic()
-        return step
-
-    def _read_late(self, waited_s: float) -> tuple[Step, Step]:
-        """With the lock: what follows from when a sync frame came."""
-        return self.core.waited(waited_s), self.core.paced(self._heard_at - waited_s)
-
-    def _silence(self, nothing_waits: bool) -> Step:
-        """With the lock: what follows from how long the device said nothing.
-
-        After a stall of this process what the device said meanwhile waits to be read first.
-        """
-        silence_s = time.monotonic() - self._heard_at
-        if not nothing_waits and silence_s < LONGEST_SILENCE_S:
-            return NOTHING
-        return self.core.silence(silence_s)
 
     def _command_loop(self, running: threading.Event) -> None:
         while running.is_set():
@@ -293,17 +247,11 @@ class BridgeLoops:
             while running.is_set() and (taken := self._hot.take_numbered()) is not None:
                 asked, number = taken
                 with self._lock:
-                    unheard_s = time.monotonic() - self._heard_at
-                    step = self.core.command(
-                        asked.stamp_ns, asked.name, asked.effort, number, unheard_s
+                    steps = self._turns.commanded(
+                        asked.stamp_ns, asked.name, asked.effort, number, time.monotonic()
                     )
-                    steps = (step, *self._look_at_bus())
-                self.times.commanded(step, asked.stamp_ns)
+                self.times.commanded(steps[0], asked.stamp_ns)
                 self._publish(*steps)
-
-    def _look_at_bus(self) -> list[Step]:
-        """With the lock: what follows from the state of the bus."""
-        return [self.core.condition(*condition) for condition in self._link.conditions()]
 
     def _publish(self, *steps: Step) -> None:
         """Without the lock: publishing may take its time, the frames have been sent."""
@@ -322,17 +270,9 @@ class BridgeLoops:
             self._on_change()
 
     def _look_for_subscribers(self, topics: BridgePublishers) -> None:
-        if not self.core.active or self.core.ready:
+        if not self._turns.waits:
             return
         if topics.matched(self._parts.settings.required_subscribers):
             return
         with self._lock:
-            self.core.ready = self.core.active
-
-    def _hear_claim(self, frame: Frame) -> None:
-        claim = self._parts.codec.decode_claim(frame) if frame.intact else None
-        with self._lock:
-            if claim is None or not self._parts.claim.hear(claim):
-                return
-            step = self.core.fault(SECOND_BRIDGE, "a second bridge is on the bus")
-        self._publish(step)
+            self._turns.matched()

@@ -15,6 +15,7 @@ import can
 
 from hydro_hw_bridge.bridge_core import BridgeCore
 from hydro_hw_bridge.bridge_step import Sample, Step
+from hydro_hw_bridge.bridge_turns import SECOND_BRIDGE
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, BusFault
 from hydro_hw_bridge.faults.command_faults import Command, CommandFault, Publisher
@@ -28,7 +29,6 @@ from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.device import Device
 
 START_NS = 1_700_000_000_000_000_000
-SECOND_BRIDGE = "second_bridge"
 #: Kinds of faults that are in a sample or nowhere.
 READ_WHOLE = ("jump", "extreme", "clock_bit")
 #: A cycle in lockstep is sent so many times before the bench gives up on an answer.

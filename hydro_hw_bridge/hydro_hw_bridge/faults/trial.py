@@ -7,7 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from hydro_hw_bridge.faults.bench import SECOND_BRIDGE, Bench, Commander, ValveInput, WatchedCodec
+from hydro_hw_bridge.bridge_turns import SECOND_BRIDGE
+from hydro_hw_bridge.faults.bench import Bench, Commander, ValveInput, WatchedCodec
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, LINK, BusFault
 from hydro_hw_bridge.faults.command_faults import CommandFault
 from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, WATCHDOG, Injection

@@ -99,6 +99,7 @@ TARGETS: tuple[Target, ...] = (
     Target("period_watch", "hydro_hw_bridge.period_watch", (f"{_TEST}/test_period_watch.py",)),
     Target("valve_echo", "hydro_hw_bridge.valve_echo", (f"{_TEST}/test_valve_echo.py",)),
     Target("held_voltages", "hydro_hw_bridge.held_voltages", (f"{_TEST}/test_held_voltages.py",)),
+    Target("bridge_turns", "hydro_hw_bridge.bridge_turns", (f"{_TEST}/test_bridge_turns.py",)),
     Target("link", "hydro_hw_bridge.link", (f"{_TEST}/test_watchdogs.py",)),
     Target("amplifier", "hydro_hw_bridge.rig.amplifier", (f"{_TEST}/test_rig_amplifier.py",)),
     Target("assembler", "hydro_hw_bridge.assembler", (f"{_TEST}/test_assembler.py",)),
