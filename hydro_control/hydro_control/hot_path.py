@@ -15,6 +15,7 @@ from sensor_msgs.msg import JointState
 
 from hydro_control.core import Answer, ControllerCore, Sample
 from hydro_control.sample_join import SampleJoin
+from hydro_control.winding_down import RAMP_S, WindingDown
 from hydro_model.robot import FloatArray
 from hydro_msgs_docs import topics
 from hydro_msgs_docs.cdr import JOINT_STATE, POINT_STAMPED
@@ -28,9 +29,6 @@ from hydro_msgs_docs.real_time import RealTime
 _IDLE_S = 0.1
 #: How long pressures wait for the joint positions of their stamp.
 _PARTNER_S = 0.02
-#: How long the ramp to 0 V waits for another sample, and the whole of it may last.
-_LAST_SAMPLE_S = 0.05
-_RAMP_S = 0.5
 
 
 class HotPath:
@@ -206,32 +204,28 @@ class HotPath:
     def _to_zero(self) -> None:
         """Ramp to 0 V on the samples that still come; without them go there at once.
 
-        The bridge takes one command per stamp, so every step waits for a stamp of its own. 0 V
-        for the stamp that was answered last tells it that no more will come: what merely falls
-        silent trips it.
+        0 V for the stamp that was answered last tells the bridge that no more will come: what
+        merely falls silent trips it.
         """
         last = self._core.last
         if not self._driven or last is None:
             return
-        now = time.monotonic()
-        end, silent = now + _RAMP_S, now + _LAST_SAMPLE_S
-        stamp, voltage, at_zero = last.stamp_ns, last.output.voltage_v, False
+        down = WindingDown(last.stamp_ns, time.monotonic())
         try:
             # Only time tells that no sample comes: the wake of a `stop` that fell into the last
             # cycle is still to be taken, and ends the first wait at once.
-            while not at_zero and (left := min(end, silent) - time.monotonic()) > 0.0:
-                self._wait.wait(left)
+            while (left_s := down.left_s(time.monotonic())) > 0.0:
+                self._wait.wait(left_s)
                 sample = self._sample()
-                if sample is None or sample.stamp_ns <= stamp:
+                if sample is None or not down.takes(sample.stamp_ns, time.monotonic()):
                     continue
-                silent = time.monotonic() + _LAST_SAMPLE_S
-                stamp, voltage = sample.stamp_ns, self._core.wind_down()
-                self._publish_command(stamp, voltage)
-                at_zero = not np.any(voltage)
+                voltage_v = self._core.wind_down()
+                self._publish_command(down.stamp_ns, voltage_v)
+                down.answered(zero=not np.any(voltage_v))
         finally:
             # Whatever went wrong on the way down.
-            self._publish_command(stamp, np.zeros_like(voltage))
-            self._command.wait_for_all_acked(Duration(seconds=_RAMP_S))
+            self._publish_command(down.stamp_ns, np.zeros_like(last.output.voltage_v))
+            self._command.wait_for_all_acked(Duration(seconds=RAMP_S))
 
     def _publish_command(self, stamp: int, voltage_v: FloatArray) -> None:
         self._command.publish(self._messages.command(stamp, voltage_v))

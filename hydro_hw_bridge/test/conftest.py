@@ -13,7 +13,7 @@ import yaml
 
 from hydro_hw_bridge.bridge_core import BridgeCore
 from hydro_hw_bridge.bridge_step import NOTHING, Step
-from hydro_hw_bridge.bus import BusCounters
+from hydro_hw_bridge.bus_health import BusCounters
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.frames import CommandFrame, Echo, Readings, Status
 from hydro_hw_bridge.gate import GateState

@@ -95,7 +95,8 @@ class Refused:
         for _ in range(cycles):
             self.counter += 1
             step = self.bench.cycle(self.counter, **status)
-            said += [state.voltages[0] for state in step.valve_states]
+            steps = (*self.bench.early, step)
+            said += [state.voltages[0] for one in steps for state in one.valve_states]
         return said
 
 

@@ -34,7 +34,7 @@ class LineBus(Bus):
         off = self._line.link == "bus_off"
         if off and not self.off:
             self.counters.error_frames += 1
-        self.off = off
+        self.health.off = off
 
 
 class _NoBus:

@@ -100,6 +100,7 @@ TARGETS: tuple[Target, ...] = (
     Target("valve_echo", "hydro_hw_bridge.valve_echo", (f"{_TEST}/test_valve_echo.py",)),
     Target("held_voltages", "hydro_hw_bridge.held_voltages", (f"{_TEST}/test_held_voltages.py",)),
     Target("bridge_turns", "hydro_hw_bridge.bridge_turns", (f"{_TEST}/test_bridge_turns.py",)),
+    Target("bus_health", "hydro_hw_bridge.bus_health", (f"{_TEST}/test_bus_health.py",)),
     Target("link", "hydro_hw_bridge.link", (f"{_TEST}/test_watchdogs.py",)),
     Target("amplifier", "hydro_hw_bridge.rig.amplifier", (f"{_TEST}/test_rig_amplifier.py",)),
     Target("assembler", "hydro_hw_bridge.assembler", (f"{_TEST}/test_assembler.py",)),
@@ -114,6 +115,9 @@ TARGETS: tuple[Target, ...] = (
     ),
     Target("doubtful", "hydro_control.doubtful", ("hydro_control/test/test_doubtful.py",)),
     Target("stamps", "hydro_control.stamps", ("hydro_control/test/test_stamps.py",)),
+    Target(
+        "winding_down", "hydro_control.winding_down", ("hydro_control/test/test_winding_down.py",)
+    ),
     Target("applied", "hydro_control.applied", ("hydro_control/test/test_applied.py",)),
     Target(
         "device",
