@@ -15,15 +15,13 @@ _KEPT = 64
 #: What rounding may add to a step that is exactly the largest.
 ROUNDING_V = 1e-9
 
-_Voltages = tuple[float, ...]
-
 
 class HeldVoltages:
     """Every voltage that a valve may stand at, from the newest frame surely taken on.
 
     Frames do not overtake each other, so of those under way since the last count the newest
-    taken is the n-th or a later one where n were taken; and it left at most `PATIENCE` cycles
-    ago. A frame that comes twice in the place of another is taken for that one.
+    taken is the n-th or a later one where n were taken; and what stays open for `PATIENCE`
+    cycles in a row is lost. A frame that comes twice in the place of another is taken for that.
 
     Parameters
     ----------
@@ -41,8 +39,7 @@ class HeldVoltages:
         """Nothing was sent: the valves are at 0 V."""
         self._spoke = False
         self._unheard = 0
-        self._at = 0
-        self._frames: deque[tuple[_Voltages, int]] = deque([(self._zero, 0)], _KEPT)
+        self._frames: deque[tuple[float, ...]] = deque([self._zero], _KEPT)
         self._open: deque[int] = deque(maxlen=PATIENCE)
 
     def sent(self, voltages: tuple[float, ...], *, told: bool) -> None:
@@ -58,7 +55,7 @@ class HeldVoltages:
         self._spoke = True
         if not told:
             self._frames.clear()
-        self._frames.append((voltages, self._at))
+        self._frames.append(voltages)
 
     def took(self, frames: int, since: int, counter: int) -> None:
         """The amplifiers told a count.
@@ -70,15 +67,15 @@ class HeldVoltages:
         since, counter : int
             Sample counters, without wrap, of the cycles of that count and of this one.
         """
-        self._at, cycles = counter, counter - since
+        cycles = counter - since
         if frames:
             self._unheard = max(self._unheard - cycles, 0)
             self._drop(frames)
-            self._drop_old(since - PATIENCE)
         elif len(self._frames) > 1:
             self._unheard = min(self._unheard + cycles, self._patience + 1)
-        self._open.append(len(self._frames) - 1)
-        if frames and len(self._open) == PATIENCE and (lost := min(self._open)):
+        # One that is always under way changes nothing, and is usual where answers take a cycle.
+        self._open.append(len(self._frames) - 2)
+        if frames and len(self._open) == PATIENCE and (lost := min(self._open)) > 0:
             # What was open all the while is not under way any more.
             self._drop(lost)
             self._open.clear()
@@ -92,12 +89,6 @@ class HeldVoltages:
         for _ in range(min(frames, len(self._frames) - 1)):
             self._frames.popleft()
 
-    def _drop_old(self, counter: int) -> None:
-        """What left before a cycle is not the newest taken."""
-        while len(self._frames) > 1 and self._frames[0][1] < counter:
-            self._frames.popleft()
-            self._open.clear()
-
     @property
     def complaint(self) -> str:
         """Why it is not known what the amplifiers do; empty where it is known well enough.
@@ -109,7 +100,9 @@ class HeldVoltages:
             return ""
         return f"the amplifiers took no valve frame for {1e3 * self._patience_s:.0f} ms"
 
-    def towards(self, wanted: _Voltages, before: _Voltages, most_v: float) -> _Voltages:
+    def towards(
+        self, wanted: tuple[float, ...], before: tuple[float, ...], most_v: float
+    ) -> tuple[float, ...]:
         """As much of a step as the valves may see at once, whichever frame they hold.
 
         Parameters
@@ -126,7 +119,7 @@ class HeldVoltages:
         """
         if not self._spoke:
             return wanted
-        held = tuple(zip(*(voltages for voltages, _ in self._frames), strict=True))
+        held = tuple(zip(*self._frames, strict=True))
         return tuple(
             _within(value, last, max(of) - most_v, min(of) + most_v)
             for value, last, of in zip(wanted, before, held, strict=True)

@@ -10,7 +10,7 @@ import pytest
 
 from hydro_hw_bridge.frames import Echo
 from hydro_hw_bridge.gate_limits import GateLimits
-from hydro_hw_bridge.held_voltages import PATIENCE, WATCHDOG_S, HeldVoltages
+from hydro_hw_bridge.held_voltages import PATIENCE, ROUNDING_V, WATCHDOG_S, HeldVoltages
 from hydro_hw_bridge.output_ramp import RATE_FACTOR, OutputRamp
 from hydro_hw_bridge.valve_echo import ValveEcho
 
@@ -32,7 +32,7 @@ class Way:
         self.echo = ValveEcho(SPANS if tells else (), self.held)
         self.ramp = OutputRamp(LIMITS, self.held)
         self.tells = tells
-        self.counter = self.taken = 0
+        self.counter = self.taken = self.told = 0
         self.valve_v = self.most_v = 0.0
         self.coming: deque[tuple[int, float]] = deque()
         self.hear()
@@ -47,7 +47,7 @@ class Way:
         if self.valve_v:
             self.most_v = max(self.most_v, abs(self.valve_v - before))
         if told:
-            count = self.taken if taken is None else taken
+            self.told = count = self.taken if taken is None else taken
             self.echo.heard(Echo(count % SPANS[0], 0) if self.tells else None, self.counter)
 
     def ask(self, command_v: float) -> float:
@@ -98,6 +98,12 @@ def test_one_frame_that_is_always_under_way_slows_nothing() -> None:
     for cycle in range(300):
         assert way.send(swing(cycle), late=1) == swing(cycle)
         way.hear()
+    # And it is not taken for a lost one: what is lost then is counted from what was taken.
+    for cycle in range(300, 310):
+        way.send(swing(cycle), lost=True)
+        way.hear()
+    way.sound(5, swing(310))
+    assert way.most_v == MOST_V
 
 
 @pytest.mark.parametrize("lost", [1, 2, 3, 5, 10, 20, 24])
@@ -113,11 +119,42 @@ def test_after_lost_frames_the_step_is_within_twice_the_slew_limit(lost: int) ->
         way.hear()
     assert way.most_v <= MOST_V + 1e-9
     assert way.held.complaint == ""
-    # And it is over: no later than twice the patience behind the last one it slows nothing.
+    # And it is over: twice the patience behind the last one it slows nothing.
     way.sound(8, 9.0)
     for cycle in range(60):
         assert way.send(swing(cycle)) == swing(cycle)
         way.hear()
+
+
+def test_what_was_lost_is_known_after_its_time_and_not_before() -> None:
+    way = Way()
+    way.sound(9, -1.0)
+    for _ in range(4):
+        way.send(-1.0, lost=True)
+        way.hear()
+    # Until then steep commands are followed as far as is sure, wherever the valve may be.
+    reached = []
+    for cycle in range(60):
+        reached.append(way.send(swing(cycle)))
+        way.hear()
+    assert reached[:9] == [3.0, 3.0, 3.0, 3.0, 1.0, -1.0, -1.0, -1.0, -3.0]
+    assert reached[9:17] == [-5.0, -5.0, -5.0, -3.0, -1.0, -1.0, -1.0, 1.0]
+    assert reached[19:] == [swing(cycle) for cycle in range(19, 60)]
+
+
+def test_a_late_one_behind_lost_ones_is_not_lost_with_them() -> None:
+    way = Way()
+    way.sound(8, 9.0)
+    for _ in range(4):
+        way.send(9.0, lost=True)
+        way.hear()
+    for _ in range(3 * PATIENCE):
+        way.send(9.0, late=1)
+        way.hear()
+    assert way.send(5.0, lost=True) == 5.0
+    way.hear()
+    # The one before it came meanwhile; of this one and the next nobody has heard.
+    assert way.send(1.0, lost=True) == 5.0
 
 
 def test_while_nothing_is_taken_the_output_stays_within_a_step_of_what_was() -> None:
@@ -209,7 +246,7 @@ def test_whatever_they_say_the_output_is_on_the_way_to_the_command(seed: int) ->
 
 def driven(way: Way, pattern: list[bool]) -> list[str]:
     """Complaints, cycle by cycle, where a count grows by one or not."""
-    found, count = [], way.taken
+    found, count = [], way.told
     for grows in pattern:
         count += grows
         way.send(5.0)
@@ -219,9 +256,14 @@ def driven(way: Way, pattern: list[bool]) -> list[str]:
 
 
 def test_what_is_not_taken_for_longer_than_the_watchdog_takes_is_complained_of() -> None:
-    said = driven(Way(), [False] * (UNHEARD + 5))
+    way = Way()
+    said = driven(way, [False] * (UNHEARD + 5))
     told = "the amplifiers took no valve frame for 60 ms"
     assert said == [""] * UNHEARD + [told] * 5
+    # However many were taken before.
+    assert driven(Way(), [True] * 9 + [False] * (UNHEARD + 1)) == [""] * (UNHEARD + 9) + [told]
+    way.held.rest()
+    assert driven(way, [False] * (UNHEARD + 1)) == [""] * UNHEARD + [told]
 
 
 def test_a_count_that_grows_now_and_then_holds_nothing_for_long() -> None:
@@ -235,10 +277,7 @@ def test_a_count_that_grows_now_and_then_holds_nothing_for_long() -> None:
 def test_the_complaint_ends_with_as_much_as_it_began_with() -> None:
     way = Way()
     driven(way, [False] * 1000)
-    said = driven(way, [True] * 3)
-    assert said[0] == ""
-    way.held.rest()
-    assert set(driven(way, [False] * UNHEARD)) == {""}
+    assert driven(way, [True] * 3)[0] == ""
 
 
 def test_where_nothing_is_sent_nothing_is_missing() -> None:
@@ -281,6 +320,34 @@ def test_frames_of_long_ago_are_forgotten_and_the_newest_is_not() -> None:
     assert held.towards((0.0,), (999.0,), 100.0) == (899.0,)
     held.forget()
     assert held.towards((5.0,), (0.0,), 1.0) == (5.0,)
+
+
+def test_before_the_first_is_heard_the_valves_are_at_0_v() -> None:
+    held = HeldVoltages(LIMITS)
+    held.sent((1.0,), told=True)
+    assert held.towards((9.0,), (1.0,), 4.0) == (4.0,)
+    assert held.towards((-9.0,), (1.0,), 4.0) == (-3.0,)
+    held.took(1, 0, 1)
+    assert held.towards((9.0,), (1.0,), 4.0) == (5.0,)
+
+
+def test_rounding_makes_no_step_too_large() -> None:
+    held = HeldVoltages(LIMITS)
+    held.sent((1.0,), told=False)
+    for sign in (1.0, -1.0):
+        border = 1.0 + 4.0 * sign
+        legal = border + sign * ROUNDING_V
+        assert held.towards((legal,), (1.0,), 4.0) == (legal,)
+        assert held.towards((border + 3.0 * sign * ROUNDING_V,), (1.0,), 4.0) == (border,)
+    assert ROUNDING_V == 1e-9
+
+
+def test_a_single_place_that_is_a_step_from_all_is_gone_to() -> None:
+    held = HeldVoltages(LIMITS)
+    held.sent((4.0,), told=False)
+    held.sent((-4.0,), told=True)
+    assert held.towards((2.0,), (-1.0,), 4.0) == (0.0,)
+    assert held.towards((2.0,), (-1.0,), 3.9) == (-1.0,)
 
 
 def test_every_valve_has_its_own_way() -> None:

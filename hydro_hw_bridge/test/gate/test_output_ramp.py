@@ -144,3 +144,31 @@ def test_zero_at_once_while_ramping_too(waiting: Make, step: Make) -> None:
     step(gate, 100, 7.0, -3.0)
     assert step(gate, 101, 0.0, 0.0) is Outcome.ACCEPTED
     assert gate.output == Output((0.0, 0.0), enable=True)
+
+
+def test_a_step_is_one_from_where_the_amplifiers_may_be_too(driving: Make, step: Make) -> None:
+    """They tell what they took, and nothing of what leaves: twice the slew limit from there."""
+    gate = driving(7.0, 0.0)
+    gate.held.sent(gate.output.voltages, told=False)
+    reached = []
+    for counter in range(101, 106):
+        assert step(gate, counter, 7.0 - 2.0 * (counter - 100), 0.0) is Outcome.ACCEPTED
+        gate.held.sent(gate.output.voltages, told=True)
+        reached.append(gate.output.voltages[0])
+    assert reached == [5.0, 3.0, 3.0, 3.0, 3.0]
+    gate.held.took(5, 100, 106)
+    assert step(gate, 106, -3.0, 0.0) is Outcome.ACCEPTED
+    assert gate.output.voltages[0] == 1.0  # as from missing commands: a ramp
+
+
+def test_in_the_slow_second_it_is_a_slow_step_from_there(driving: Make, step: Make) -> None:
+    gate = driving(6.0, 0.0)
+    gate.trip("test")
+    gate.clear()
+    gate.held.sent((0.0, 0.0), told=False)
+    reached = []
+    for counter in range(101, 104):
+        step(gate, counter, 6.0, 0.0)
+        gate.held.sent(gate.output.voltages, told=True)
+        reached.append(gate.output.voltages[0])
+    assert reached == [0.02, 0.02, 0.02]

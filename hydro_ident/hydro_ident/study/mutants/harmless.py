@@ -170,6 +170,31 @@ def _valve_frames() -> Iterator[Harmless]:
     )
 
 
+def _held_voltages() -> Iterator[Harmless]:
+    sent = "def sent(self, voltages: tuple[float, ...], *, told: bool) -> None:"
+    yield Harmless(
+        "held_voltages", "HeldVoltages.sent", sent, sent.replace("*,", "/,"),
+        "every caller names the word, and one that does not is as right",
+    )  # fmt: skip
+    said = 'return f"the amplifiers took no valve frame for {} * self._patience_s:.0f}} ms"'
+    yield from _each(
+        "held_voltages", "HeldVoltages.complaint", said.format("{1e3"),
+        (said.format("{ 1001.0"), said.format("{ 999.0")),
+        "whole milliseconds are told, a thousandth of 60 is not",
+    )  # fmt: skip
+    for before, why in (
+        ("held = tuple(zip(*self._frames, strict=True))", "frames are of one codec's valves"),
+        (
+            "for value, last, of in zip(wanted, before, held, strict=True)",
+            "the gate has compared the command's, and all others are as many as its valves",
+        ),
+    ):
+        yield Harmless(
+            "held_voltages", "HeldVoltages.towards", before, before.replace("True", "False"),
+            _LENGTHS.format(why),
+        )  # fmt: skip
+
+
 def _amplifier() -> Iterator[Harmless]:
     init = "Amplifier.__init__"
     before = "self._patience = max(1, round(WATCHDOG_S / cycle_s))"
@@ -312,6 +337,7 @@ HARMLESS: tuple[Harmless, ...] = (
     *_period_words(),
     *_command_intake(),
     *_valve_frames(),
+    *_held_voltages(),
     *_amplifier(),
     *_assembler(),
     *_sample_clock(),
