@@ -13,9 +13,9 @@ from rclpy.duration import Duration
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 
+from hydro_control import winding_down
 from hydro_control.core import Answer, ControllerCore, Sample
 from hydro_control.sample_join import SampleJoin
-from hydro_control.winding_down import RAMP_S, WindingDown
 from hydro_model.robot import FloatArray
 from hydro_msgs_docs import topics
 from hydro_msgs_docs.cdr import JOINT_STATE, POINT_STAMPED
@@ -210,7 +210,7 @@ class HotPath:
         last = self._core.last
         if not self._driven or last is None:
             return
-        down = WindingDown(last.stamp_ns, time.monotonic())
+        down = winding_down.WindingDown(last.stamp_ns, time.monotonic())
         try:
             # Only time tells that no sample comes: the wake of a `stop` that fell into the last
             # cycle is still to be taken, and ends the first wait at once.
@@ -225,7 +225,7 @@ class HotPath:
         finally:
             # Whatever went wrong on the way down.
             self._publish_command(down.stamp_ns, np.zeros_like(last.output.voltage_v))
-            self._command.wait_for_all_acked(Duration(seconds=RAMP_S))
+            self._command.wait_for_all_acked(Duration(seconds=winding_down.RAMP_S))
 
     def _publish_command(self, stamp: int, voltage_v: FloatArray) -> None:
         self._command.publish(self._messages.command(stamp, voltage_v))

@@ -62,7 +62,6 @@ class ValveEcho:
         # A count that may have gone around says nothing.
         if self._known is None or not 0 < counter - self._known[1] < min(self._spans):
             self.forget()
-            self._held.took(0, counter, counter)
         else:
             before, since = self._known
             taken = (echo.taken - before.taken) % self._spans[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import FrozenInstanceError
 from typing import Any
 
 import can
@@ -135,6 +136,28 @@ def test_where_something_always_waits_silence_is_told_later(turned: Turned) -> N
     assert LONGEST_SILENCE_S == 0.05
 
 
+def test_times_are_held_to_and_not_fallen_short_of(turned: Turned) -> None:
+    """At the very limit: silence is told, and others are not gone yet."""
+    turned.now_s = -PERIOD_S
+    turned.drive()
+    assert turned.now_s == 0.0
+    turned.take(turned.bench.codec.encode_command(9, (1.0, 1.0), enable=True))
+    turned.turns.look_for_others(CLAIM_PERIOD_S)
+    assert FOREIGN in turned.gate.faults
+    core = turned.bench.core
+    turned.turns.received(None, None, 0.04, idle=False)
+    assert not core._supervision.outdated
+    turned.turns.received(None, None, LONGEST_SILENCE_S, idle=False)
+    assert core._supervision.outdated
+
+
+def test_an_arrival_is_as_it_came() -> None:
+    arrival = Arrival(1.0, 0.5, 7)
+    with pytest.raises(FrozenInstanceError):
+        arrival.waited_s = 0.0  # type: ignore[misc]
+    assert not hasattr(arrival, "__dict__")
+
+
 def test_a_command_is_as_old_as_the_last_sync_frame(turned: Turned) -> None:
     turned.drive()
     turned.now_s += 0.011
@@ -205,7 +228,7 @@ def test_valve_frames_of_others_end_driving_until_they_stay_away(turned: Turned)
     assert turned.gate.state is GateState.DRIVING
     turned.take(turned.bench.wire.sent[-1])  # its own
     assert turned.gate.state is GateState.DRIVING
-    turned.take(message)
+    assert turned.take(message)[0].answer is not None
     assert turned.gate.reason == "valve frames of another sender are on the bus"
     turned.now_s += CLAIM_PERIOD_S - 1e-6
     turned.turns.look_for_others(turned.now_s)

@@ -27,6 +27,7 @@ def health() -> BusHealth:
 def test_a_bus_that_was_just_opened_is_well(health: BusHealth) -> None:
     assert health.counters == BusCounters(0, 0, 0, 0, 0, 0)
     assert (health.off, health.last_error, health.passed) == (False, "", 0)
+    assert not hasattr(health.counters, "__dict__")  # what is misspelt is no counter
 
 
 def test_data_frames_are_given_on_and_nothing_else_is(health: BusHealth) -> None:

@@ -221,3 +221,17 @@ def test_what_is_counted_adds_up_whatever_happens(seed: int) -> None:
     # A late frame may stand in for a lost one: counted too early, it is surplus when it comes.
     assert counted.lost - counted.surplus == lost
     assert counted.surplus <= 0.05 * 2000
+
+
+@pytest.mark.parametrize("tells", [True, False])
+def test_where_the_valves_may_be_follows_from_what_left_and_was_taken(tells: bool) -> None:
+    held = HeldVoltages(LIMITS)
+    echo = ValveEcho(SPANS if tells else (), held)
+    for taken, counter in ((255, 1), (0, 2)):
+        echo.heard(Echo(taken, 0) if tells else None, counter)
+        # What left is where they are by its count, around the wrap, or where none is told.
+        sure = not tells or counter == 2
+        if counter == 1:
+            echo.sent((4.0,))
+            sure = not tells
+        assert held.towards((9.0,), (4.0,), 2.0) == ((6.0,) if sure else (4.0,))

@@ -27,7 +27,7 @@ rclpy = pytest.importorskip("rclpy")
 
 from rclpy.serialization import serialize_message  # noqa: E402
 
-from hydro_control import hot_path  # noqa: E402
+from hydro_control import winding_down  # noqa: E402
 from hydro_control.hot_path import HotPath  # noqa: E402
 from hydro_msgs_docs.real_time import RealTime, RealTimeOptions  # noqa: E402
 
@@ -100,8 +100,8 @@ def test_it_ends_on_a_ramp_to_zero_while_samples_come(
     patience_s: float,
 ) -> None:
     # Its last samples are waited for, however long a busy machine keeps this process from them.
-    for name in ("_LAST_SAMPLE_S", "_RAMP_S"):
-        monkeypatch.setattr(hot_path, name, patience_s)
+    for name in ("LAST_SAMPLE_S", "RAMP_S"):
+        monkeypatch.setattr(winding_down, name, patience_s)
     node = rclpy.create_node("hot", context=machine.context)
     core = ControllerCore(machine.robot, replace(Gains(), slew_limit_v_s=100.0))
     hot = CountingHotPath(node, core, 0, QUIET, lambda error: None)
@@ -142,8 +142,8 @@ def test_its_end_releases_the_gate_without_a_trip(
 ) -> None:
     """All that it published until its end, to the gate that the bridge has."""
     if samples_come:
-        for name in ("_LAST_SAMPLE_S", "_RAMP_S"):
-            monkeypatch.setattr(hot_path, name, patience_s)
+        for name in ("LAST_SAMPLE_S", "RAMP_S"):
+            monkeypatch.setattr(winding_down, name, patience_s)
     node = rclpy.create_node("hot", context=machine.context)
     core = ControllerCore(machine.robot, Gains())
     hot = CountingHotPath(node, core, 0, QUIET, lambda error: None)
@@ -224,8 +224,8 @@ def test_an_exception_in_the_loop_ends_at_zero_volts_and_is_told(
     patience_s: float,
     core: type[FailingCore],
 ) -> None:
-    for name in ("_LAST_SAMPLE_S", "_RAMP_S"):
-        monkeypatch.setattr(hot_path, name, patience_s)
+    for name in ("LAST_SAMPLE_S", "RAMP_S"):
+        monkeypatch.setattr(winding_down, name, patience_s)
     node = rclpy.create_node("hot", context=machine.context)
     told: list[BaseException] = []
     wound = []

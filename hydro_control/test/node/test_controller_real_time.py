@@ -18,7 +18,7 @@ from hydro_control.gains import Gains
 from hydro_msgs_docs import topics
 
 rclpy = pytest.importorskip("rclpy")
-from hydro_control import hot_path  # noqa: E402
+from hydro_control import winding_down  # noqa: E402
 from hydro_control.hot_path import HotPath  # noqa: E402
 from hydro_msgs_docs.real_time import RealTime, RealTimeOptions  # noqa: E402
 
@@ -133,8 +133,8 @@ class HeldCore(ControllerCore):
 def test_an_end_that_falls_into_a_cycle_is_on_a_ramp_as_well(
     machine: Any, monkeypatch: pytest.MonkeyPatch, patience_s: float
 ) -> None:
-    for name in ("_LAST_SAMPLE_S", "_RAMP_S"):
-        monkeypatch.setattr(hot_path, name, patience_s)
+    for name in ("LAST_SAMPLE_S", "RAMP_S"):
+        monkeypatch.setattr(winding_down, name, patience_s)
     node = rclpy.create_node("hot", context=machine.context)
     core = HeldCore(machine.robot, replace(Gains(), slew_limit_v_s=100.0))
     core.hold, core.held, core.go = False, threading.Event(), threading.Event()

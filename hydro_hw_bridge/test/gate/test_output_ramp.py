@@ -172,3 +172,16 @@ def test_in_the_slow_second_it_is_a_slow_step_from_there(driving: Make, step: Ma
         gate.held.sent(gate.output.voltages, told=True)
         reached.append(gate.output.voltages[0])
     assert reached == [0.02, 0.02, 0.02]
+
+
+def test_one_frame_under_way_slows_no_ramp(waiting: Make, step: Make) -> None:
+    gate = waiting(100)
+    gate.held.sent((0.0, 0.0), told=False)
+    reached = []
+    for counter in range(100, 103):
+        step(gate, counter, 7.0, 0.0)
+        gate.held.sent(gate.output.voltages, told=True)
+        reached.append(gate.output.voltages[0])
+        if counter > 100:
+            gate.held.took(1, counter - 1, counter)
+    assert reached == [2.0, 4.0, 6.0]

@@ -168,6 +168,9 @@ def _valve_frames() -> Iterator[Harmless]:
     yield from _begins(
         "valve_frames", "ValveFrames.__init__", "_stated = self._left", values, _NO_NEGATIVE, "-1"
     )
+    unread = _UNREAD.format("it goes with an answer, which sets it")
+    init = "ValveFrames.__init__"
+    yield from _begins("valve_frames", init, "_asked", ("pass",), unread, "gate.output")
 
 
 def _held_voltages() -> Iterator[Harmless]:
@@ -193,6 +196,28 @@ def _held_voltages() -> Iterator[Harmless]:
             "held_voltages", "HeldVoltages.towards", before, before.replace("True", "False"),
             _LENGTHS.format(why),
         )  # fmt: skip
+
+
+def _turns() -> Iterator[Harmless]:
+    named = "every caller names the word, and one that does not is as right"
+    for target, where, before in (
+        (
+            "bridge_turns", "BridgeTurns.received",
+            "self, frame: Frame | None, arrival: Arrival | None, now_s: float, *, idle: bool",
+        ),
+        (
+            "bridge_turns", "BridgeTurns._silence",
+            "def _silence(self, now_s: float, *, idle: bool) -> Step:",
+        ),
+        ("winding_down", "WindingDown.answered", "def answered(self, *, zero: bool) -> None:"),
+    ):  # fmt: skip
+        yield Harmless(target, where, before, before.replace("*", "/"), named)
+    first = "return self.core.receive(frame, {} if arrival is None else arrival.ros_ns)"
+    yield from _each(
+        "bridge_turns", "BridgeTurns._frame", first.format("0"),
+        (first.format("-1"), first.format("1")),
+        _UNREAD.format("it is asked of a first sync frame alone, which has an arrival"),
+    )  # fmt: skip
 
 
 def _amplifier() -> Iterator[Harmless]:
@@ -338,6 +363,7 @@ HARMLESS: tuple[Harmless, ...] = (
     *_command_intake(),
     *_valve_frames(),
     *_held_voltages(),
+    *_turns(),
     *_amplifier(),
     *_assembler(),
     *_sample_clock(),
