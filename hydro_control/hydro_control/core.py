@@ -15,6 +15,7 @@ import numpy as np
 from hydro_control.adaptation_settings import AdaptationSettings
 from hydro_control.answer import Answer, Counts
 from hydro_control.applied import AppliedWatch
+from hydro_control.asking import ask_path, ask_trajectory
 from hydro_control.errors import NUMERICAL_ERRORS, ControlError
 from hydro_control.gains import Gains
 from hydro_control.law import ControlLaw
@@ -277,7 +278,7 @@ class ControllerCore:
         if run is None or self.path is None:
             return
         try:
-            run.ask_path(self.path, self.start_delay_s)
+            ask_path(run, self.path, self.start_delay_s)
         except ControlError as error:
             if run is self._run:
                 self._refuse_path(error)
@@ -344,7 +345,7 @@ class ControllerCore:
         waypoints : sequence of Waypoint
             Empty: come to rest.
         start_ns : int
-            Stamp to start at, up to `reference_run.MOST_AHEAD_S` ahead; 0 for now.
+            Stamp to start at, up to `asking.MOST_AHEAD_S` ahead; 0 for now.
         standing : Standing, optional
             `standing` when it was asked for; by default now. What was stopped, or set the
             reference anew, between then and the end of its check is not followed by it.
@@ -364,7 +365,7 @@ class ControllerCore:
         if stopped := self.silent or self._runaway.fault or self._stamps.other_rate:
             raise self.refusal(f"the controller stopped: {stopped}")
         try:
-            standing.run.ask(space, names, waypoints, start_ns, standing)
+            ask_trajectory(standing, space, names, waypoints, start_ns)
             if self._run is not standing.run:
                 raise ControlError("the controller began anew while it was checked: ask again")
         except (ControlError, RobotError) as error:

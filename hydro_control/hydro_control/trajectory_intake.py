@@ -8,10 +8,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from hydro_control.asking import MOST_POINTS
 from hydro_control.core import ControllerCore
 from hydro_control.errors import ControlError
 from hydro_control.path_limits import refuse_frame
-from hydro_control.reference_run import MOST_POINTS, Standing
+from hydro_control.reference_run import Standing
 from hydro_control.trajectory import Waypoint
 
 Space = Literal["tip", "joint"]

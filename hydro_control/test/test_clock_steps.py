@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from hydro_control.answer import Answer
+from hydro_control.asking import MOST_AHEAD_S
 from hydro_control.core import ControllerCore, Sample
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
-from hydro_control.reference_run import MOST_AHEAD_S
 from hydro_control.stamps import LONGEST_GAP_S
 from hydro_control.trajectory import Waypoint
 from hydro_hw_bridge.sample_clock import SampleClock
