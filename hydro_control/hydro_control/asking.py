@@ -1,12 +1,14 @@
-"""What is asked of the reference beside the thread of the samples: checked there, then handed over.
+"""What is asked of the reference beside the thread of the samples: checked, then handed over.
 
-A check takes up to seconds. What was stopped, or set the reference anew, meanwhile is not followed
-by what was checked: `hydro_control.reference_run.Standing` tells what it was asked for from.
+A check takes up to seconds. It ends as soon as a stop is asked for, or the reference is set anew:
+what was checked would not be played any more, and the next one waits for it.
+`hydro_control.reference_run.Standing` tells where it was asked for from.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Literal
 
 from hydro_control.errors import ControlError
@@ -26,7 +28,8 @@ LONGEST_S, MOST_POINTS = 600.0, 5000
 def ask_path(run: ReferenceRun, path: TipPath | JointPath, delay_s: float) -> None:
     """Check the path that waits, and have it played from the next sample on.
 
-    Where the reference was set anew meanwhile nothing happens, and the path may still wait.
+    Where the reference was set anew meanwhile nothing happens, and the path may still wait; nor
+    does it where a stop was asked for, which ends the path's waiting.
 
     Parameters
     ----------
@@ -40,19 +43,20 @@ def ask_path(run: ReferenceRun, path: TipPath | JointPath, delay_s: float) -> No
     ControlError
         It is refused from where the reference stands still: why.
     """
-    epoch, stops = run.epoch, run.stops
+    standing = run.standing
     if not run.path_waits or run.pending is not None:
         return
+    go_on = partial(_refuse_overtaken, standing)
     try:
-        plan = run.player.plan_path(path, run.now_s, run.q, delay_s)
+        plan = run.player.plan_path(path, run.now_s, run.q, delay_s, go_on=go_on)
     # Whatever it is, the arm is held on: a path that waits on would be checked for ever.
     except Exception as error:
-        if run.epoch != epoch:
+        if standing.overtaken:
             return
         run.path_waits = False
         raise ControlError(_why(error)) from error
-    if run.path_waits and run.epoch == epoch:
-        run.pending = Asked(plan, epoch, stops, of_path=True)
+    if run.path_waits and not standing.overtaken:
+        run.pending = Asked(plan, standing.epoch, standing.stops, of_path=True)
 
 
 def ask_trajectory(
@@ -86,7 +90,8 @@ def ask_trajectory(
     wait_s = 0.0 if start_s is None else start_s - run.now_s
     _refuse_long(waypoints)
     _refuse_start(wait_s)
-    plan = run.player.plan_trajectory(space, names, waypoints, run.now_s, run.q, start_s)
+    at, go_on = (run.now_s, run.q, start_s), partial(_refuse_overtaken, standing)
+    plan = run.player.plan_trajectory(space, names, waypoints, *at, go_on)
     if plan.start_s is not None and plan.start_s < run.now_s:
         raise ControlError(
             f"it should have begun {run.now_s - plan.start_s:.3f} s ago, as it took so long"
@@ -94,10 +99,18 @@ def ask_trajectory(
         )
     run.pending = Asked(plan, standing.epoch, standing.stops)
     # Looked at after it was handed over: what comes later finds it, and drops it.
-    if run.stops != standing.stops:
+    _refuse_overtaken(standing)
+
+
+def _refuse_overtaken(standing: Standing) -> None:
+    """Refuse what would not be played any more, however far its check has come."""
+    if not standing.overtaken:
+        return
+    if standing.run.over:
+        raise ControlError("the controller began anew while it was checked: ask again")
+    if standing.run.stops != standing.stops:
         raise ControlError("a stop was asked for while it was checked")
-    if run.epoch != standing.epoch:
-        raise ControlError("the reference was set anew while it was checked: ask again")
+    raise ControlError("the reference was set anew while it was checked: ask again")
 
 
 def _refuse_occupied(run: ReferenceRun) -> None:

@@ -127,8 +127,9 @@ class ControllerNode(LifecycleNode):
     on_error = logged_transition(_cleanup)
 
     def stop_driving(self) -> None:
-        """End at 0 V."""
+        """End at 0 V, and with it what is being checked."""
         self._active = False
+        self._core.request_stop()
         if self._hot is not None:
             self._hot.stop()
             self._real_time.leave()

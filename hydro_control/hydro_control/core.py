@@ -109,6 +109,8 @@ class ControllerCore:
         self.law.reset()
         if self.law.adaptation is not None:
             self.law.adaptation.reset()
+        if self._run is not None:
+            self._run.over = True
         self._run, self._last = None, None
         self._adaptation_reset = False
         self._watch.clear()
@@ -309,7 +311,10 @@ class ControllerCore:
         return None if self._run is None else self._run.standing
 
     def request_stop(self) -> None:
-        """Come to rest at the next sample. May be called from another thread."""
+        """Come to rest at the next sample, and end what is being checked.
+
+        May be called from another thread.
+        """
         run = self._run
         if run is not None:
             run.ask_stop()
@@ -366,8 +371,6 @@ class ControllerCore:
             raise self.refusal(f"the controller stopped: {stopped}")
         try:
             ask_trajectory(standing, space, names, waypoints, start_ns)
-            if self._run is not standing.run:
-                raise ControlError("the controller began anew while it was checked: ask again")
         except (ControlError, RobotError) as error:
             raise self.refusal(str(error)) from error
         # Whatever was overlooked above, memory included: the arm is held on, only this request is

@@ -7,6 +7,7 @@ elsewhere than the arm, an arm that drifted, a command from feedback alone. Pure
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -18,7 +19,7 @@ from hydro_control.required_motion import JointMotion
 from hydro_model.cylinder import inside_stroke
 from hydro_model.kinematics import tip_jacobian, tip_state
 from hydro_model.paths import JointPath, TipPath
-from hydro_model.paths_check import check_times, joint_motion
+from hydro_model.paths_check import always, check_times, joint_motion
 from hydro_model.robot import FloatArray, Robot
 
 #: Points of a joint's range at which strokes are looked at.
@@ -173,6 +174,7 @@ def refuse_fast(
     path: TipPath | JointPath,
     tip_speed_m_s: float,
     near: FloatArray | None = None,
+    go_on: Callable[[], None] = always,
 ) -> None:
     """Refuse a path on which the tip is too fast: slowed, it would be another motion.
 
@@ -183,6 +185,8 @@ def refuse_fast(
     tip_speed_m_s : float
     near : (n,) array, optional
         Where joints stay that a path of joints does not name (by default mid-range).
+    go_on : callable
+        As of `hydro_model.paths_check.joint_motion`.
 
     Raises
     ------
@@ -193,7 +197,7 @@ def refuse_fast(
     if isinstance(path, TipPath):
         velocities = path.sample_many(times)[1]
     else:
-        q, qd, _ = joint_motion(robot, path, times, near)
+        q, qd, _ = joint_motion(robot, path, times, near, go_on)
         velocities = np.einsum("tij,tj->ti", tip_jacobian(robot, q), qd)
     speeds = np.linalg.norm(velocities, axis=1)
     worst = int(np.argmax(speeds))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from hydro_control.posture import is_redundant
 from hydro_control.required_motion import ACCELERATION_PER_VELOCITY_1_S
 from hydro_model.errors import RobotError
 from hydro_model.paths import JointPath, TipPath
-from hydro_model.paths_check import PathCheck, check_path, joints_at_tip
+from hydro_model.paths_check import PathCheck, always, check_path, joints_at_tip
 from hydro_model.robot import FloatArray, Robot
 
 #: Spacing of the check, s.
@@ -31,6 +32,7 @@ def refuse_beyond(
     *,
     step_s: float = CHECK_STEP_S,
     hint: str = "",
+    go_on: Callable[[], None] = always,
 ) -> PathCheck:
     """Refuse a path that the robot cannot follow.
 
@@ -45,6 +47,8 @@ def refuse_beyond(
         Spacing of the check.
     hint : str
         What would help where accelerations are too great.
+    go_on : callable
+        Called again and again on the way: what it raises ends the check.
 
     Returns
     -------
@@ -55,7 +59,7 @@ def refuse_beyond(
     ControlError, RobotError
         Which limit is exceeded, by how much and when.
     """
-    check = check_path(robot, path, near=near, step_s=step_s)
+    check = check_path(robot, path, near=near, step_s=step_s, go_on=go_on)
     speeds = np.array([joint.velocity_limit for joint in robot.joints])
     most = ACCELERATION_PER_VELOCITY_1_S * speeds
     worst = int(np.argmax(check.peak_acceleration / most))
@@ -65,7 +69,7 @@ def refuse_beyond(
             f"joint '{robot.joints[worst].name}' reaches an acceleration of {found:.4g} at"
             f" {when_s:.3f} s, expected at most {most[worst]:.4g}{hint}"
         )
-    refuse_fast(robot, path, tip_speed_m_s, near)
+    refuse_fast(robot, path, tip_speed_m_s, near, go_on)
     return check
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -21,7 +21,7 @@ from hydro_control.trajectory import Waypoint, segments_through
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, Path, TipPath
-from hydro_model.paths_check import joints_at_tip
+from hydro_model.paths_check import always, joints_at_tip
 from hydro_model.paths_segments import Hold, Segment
 from hydro_model.robot import FloatArray, Robot
 
@@ -141,6 +141,7 @@ class ReferencePlayer:
         delay_s: float = 0.0,
         *,
         path_checked: bool = False,
+        go_on: Callable[[], None] = always,
     ) -> Plan:
         """A plan of a path, approached from where the reference stands.
 
@@ -154,6 +155,8 @@ class ReferencePlayer:
             Hold at the start of the path, the approach included.
         path_checked : bool
             Check only the approach: the path itself has been checked before.
+        go_on : callable
+            Called again and again while it is checked: what it raises ends the check.
 
         Returns
         -------
@@ -174,7 +177,7 @@ class ReferencePlayer:
         pause = (Hold(first, wait),) if wait > 0.0 else ()
         whole = (*approach, *pause, *segments)
         if not path_checked:
-            self._check(space, whole, q)
+            self._check(space, whole, q, go_on=go_on)
         elif approach:
             self._check(space, approach, q, approach[0].duration_s / APPROACH_CHECKS)
         return Plan(space, Path(whole))
@@ -187,6 +190,7 @@ class ReferencePlayer:
         stamp_s: float,
         q: FloatArray,
         start_s: float | None = None,
+        go_on: Callable[[], None] = always,
     ) -> Plan:
         """A plan of a trajectory message.
 
@@ -202,6 +206,8 @@ class ReferencePlayer:
         start_s : float, optional
             Stamp of its time 0, to which its start is approached before; by default it begins
             with the approach when it is taken up.
+        go_on : callable
+            As of `plan_path`.
 
         Returns
         -------
@@ -232,7 +238,7 @@ class ReferencePlayer:
         begin_s = _begin(start_s, stamp_s, sum(s.duration_s for s in approach))
         whole = (*approach, *segments)
         resting = any(np.size(point.velocity) == 0 for point in waypoints[:-1])
-        self._check(space, whole, q, hint=_REST_HINT if resting else "")
+        self._check(space, whole, q, hint=_REST_HINT if resting else "", go_on=go_on)
         return Plan(space, Path(whole), begin_s)
 
     def _standing(self, space: str, stamp_s: float, q: FloatArray) -> FloatArray:
@@ -269,6 +275,7 @@ class ReferencePlayer:
         step_s: float = CHECK_STEP_S,
         *,
         hint: str = "",
+        go_on: Callable[[], None] = always,
     ) -> None:
         path: TipPath | JointPath
         if space == "tip":
@@ -279,7 +286,8 @@ class ReferencePlayer:
         try:
             pose = start if space == "joint" else joints_at_tip(self.robot, start, q)
             reaching = _reaching(self.robot, pose)
-            refuse_beyond(reaching, path, self._tip_speed_m_s, q, step_s=step_s, hint=hint)
+            given = reaching, path, self._tip_speed_m_s, q
+            refuse_beyond(*given, step_s=step_s, hint=hint, go_on=go_on)
         except RobotError as error:
             raise ControlError(f"the robot cannot follow the path: {error}") from error
 

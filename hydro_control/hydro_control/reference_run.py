@@ -52,6 +52,12 @@ class Standing(NamedTuple):
     epoch: int
     stops: int
 
+    @property
+    def overtaken(self) -> bool:
+        """Something was stopped, set or begun anew since: what was asked for is not played."""
+        run = self.run
+        return run.over or run.stops != self.stops or run.epoch != self.epoch
+
 
 @dataclass(slots=True)
 class ReferenceRun:
@@ -91,6 +97,8 @@ class ReferenceRun:
         The reference has moved since the first sample.
     anew : bool
         It was the path, and nothing of it had been driven yet: it may start anew.
+    over : bool
+        The controller has begun anew since: nothing is asked of this one any more.
     """
 
     first_ns: int
@@ -108,6 +116,7 @@ class ReferenceRun:
     path_waits: bool = False
     moved: bool = False
     anew: bool = False
+    over: bool = False
 
     @classmethod
     def begin(cls, robot: Robot, sample: Sample, tip_speed_m_s: float) -> ReferenceRun:

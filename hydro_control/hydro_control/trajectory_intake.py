@@ -22,8 +22,8 @@ class TrajectoryIntake:
     """What becomes of the messages of `/joint_trajectory` and `/tip_trajectory`.
 
     A stop is handed over at once. A motion is checked in a thread of its own, as that of minutes
-    takes seconds: stops, transitions and signals are heard meanwhile, and one that was stopped
-    while it was checked is not played.
+    takes seconds: stops, transitions and signals are heard meanwhile. One that is stopped while it
+    is checked is not played, and its check ends: what is asked for next waits for no more of it.
 
     Parameters
     ----------
@@ -36,6 +36,7 @@ class TrajectoryIntake:
     def __init__(self, core: ControllerCore, active: Callable[[], bool], logger: Any) -> None:
         self._core, self._active, self._logger = core, active, logger
         self._check: threading.Thread | None = None
+        self._checked: Standing | None = None
 
     @property
     def busy(self) -> bool:
@@ -58,17 +59,31 @@ class TrajectoryIntake:
                 self._core.request_trajectory(space, [], [])
                 self._logger.info(f"{space} trajectory to stop accepted")
                 return
-            if self.busy:
-                raise self._core.refusal("another trajectory is being checked: wait")
+            ends = self._checked is not None and self._checked.overtaken
+            if self.busy and not ends:
+                raise self._core.refusal(
+                    "another trajectory is being checked: wait, or stop it with an empty"
+                    " trajectory (send_path --stop)"
+                )
         except ControlError as error:
             self._logger.error(str(error))
             return
+        given = space, message, standing, self._check
+        self._checked = standing
         self._check = threading.Thread(
-            target=self._ask, args=(space, message, standing), name="trajectory", daemon=True
+            target=self._ask, args=given, name="trajectory", daemon=True
         )
         self._check.start()
 
-    def _ask(self, space: Space, message: Any, standing: Standing | None) -> None:
+    def _ask(
+        self,
+        space: Space,
+        message: Any,
+        standing: Standing | None,
+        before: threading.Thread | None,
+    ) -> None:
+        if before is not None:
+            before.join()  # overtaken, it ends with the step that it is at
         stamp = message.header.stamp
         start_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
         try:

@@ -203,15 +203,6 @@ def test_what_was_accepted_is_played_and_not_replaced_before_it_begins() -> None
     assert answered_up_to(core, 601, 1200).reference.position[0] == pytest.approx(0.8)
 
 
-def test_what_is_asked_for_after_a_stop_is_played() -> None:
-    core = ControllerCore(ROBOT, Gains())
-    answered(core, 0)
-    core.request_stop()
-    core.request_trajectory("joint", ["lift"], THERE)
-    answered(core, 1)
-    assert core.moving
-
-
 LOADED = replace(ROBOT, effects=(EffectSpec("payload_change", ROBOT.name, {"mass": 20.0}),))
 #: Held with the lift in mid-range; with the lift low the tilt's cylinder cannot.
 OUT = JointPath((Quintic.at_rest([-2.2], [-2.4], 4.0),), joints=("tilt",))
@@ -337,7 +328,7 @@ def test_a_path_whose_check_fails_for_whatever_reason_is_refused_once(
     """And not checked for ever, while the machine seems to hold until that is done."""
     beside = Beside(np.array([0.6, -2.2]))
 
-    def fails(*_: object) -> None:
+    def fails(*_: object, **__: object) -> None:
         raise error
 
     monkeypatch.setattr(ReferencePlayer, "plan_path", fails)
@@ -364,8 +355,8 @@ def test_a_path_checked_before_a_gap_is_checked_again(monkeypatch: pytest.Monkey
     beside = Beside(np.array([0.6, -2.2]))
     plan = ReferencePlayer.plan_path
 
-    def planned(*arguments: object) -> object:
-        found = plan(*arguments)  # type: ignore[arg-type]
+    def planned(*arguments: object, **options: object) -> object:
+        found = plan(*arguments, **options)  # type: ignore[arg-type]
         monkeypatch.undo()
         beside.q = LOW
         beside.run(lost=1000)

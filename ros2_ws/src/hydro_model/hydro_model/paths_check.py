@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise, product
 
@@ -122,8 +122,16 @@ def _newton(robot: Robot, tip: FloatArray, q: FloatArray) -> tuple[FloatArray, f
     return q, float(np.linalg.norm(tip - tip_position(robot, q)))
 
 
+def always() -> None:
+    """Go on: what a check asks in passing where nobody may end it."""
+
+
 def joint_motion(
-    robot: Robot, path: TipPath | JointPath, times_s: FloatArray, near: FloatArray | None = None
+    robot: Robot,
+    path: TipPath | JointPath,
+    times_s: FloatArray,
+    near: FloatArray | None = None,
+    go_on: Callable[[], None] = always,
 ) -> Sample:
     """Joint position, velocity and acceleration along a path.
 
@@ -136,6 +144,9 @@ def joint_motion(
     near : (n,) array, optional
         Joint positions at the start: branch of the inverse kinematics, and where joints stay
         that the path does not name (by default the middle of their range).
+    go_on : callable
+        Called at every time of a path of the tip, which takes some tenths of a millisecond each:
+        what it raises ends the work.
 
     Returns
     -------
@@ -156,6 +167,7 @@ def joint_motion(
     rows = []
     q = joints_at_tip(robot, path.sample(float(times_s[0]))[0], near)
     for t in times_s:
+        go_on()
         position, velocity, acceleration = path.sample(float(t))
         q = joints_at_tip(robot, position, q)
         _, jacobian, _ = tip_state(robot, q, np.zeros_like(q))
@@ -186,6 +198,7 @@ def check_path(
     margin: float | FloatArray = 0.0,
     flow_limit: float = np.inf,
     step_s: float = 0.02,
+    go_on: Callable[[], None] = always,
 ) -> PathCheck:
     """Check a path against a robot.
 
@@ -201,6 +214,8 @@ def check_path(
         Greatest `PathCheck.flow_share` allowed.
     step_s : float
         Spacing of the check; shorter where a segment of the path is short.
+    go_on : callable
+        Called again and again on the way: what it raises ends the check.
 
     Returns
     -------
@@ -213,7 +228,8 @@ def check_path(
         hold at the supply's pressure.
     """
     times = check_times(path, step_s)
-    q, qd, qdd = joint_motion(robot, path, times, near)
+    q, qd, qdd = joint_motion(robot, path, times, near, go_on)
+    go_on()
     if not all(np.isfinite(values).all() for values in (q, qd, qdd)):
         # No comparison with what is no number holds.
         raise RobotError("expected a motion of finite numbers, found some beyond their range")
