@@ -14,7 +14,7 @@ import numpy as np
 
 from hydro_model.closed_chain import PartPlace, part_places
 from hydro_model.errors import RobotError
-from hydro_model.robot import Cylinder, FloatArray, Robot
+from hydro_model.robot import Cylinder, FloatArray, Joint, Robot
 from hydro_model.visual_joints import barrel_angle, barrel_joint, rod_joint
 
 #: Colours: links, arms to the pins, barrels, rods (Okabe and Ito's palette, and steel).
@@ -28,6 +28,9 @@ _COLOURS = {
 _THICK, _ARM = 0.06, 0.5
 #: Outer over inner diameter of a barrel; share of the closed length that is barrel.
 _WALL, _BARREL = 1.25, 0.93
+#: What a barrel covers of its rod at full stroke at least, as a share of the stroke: where a joint
+#: that slides counts from the closed cylinder, no length of that is known.
+_COVER = 0.02
 _LEAST_M = 1e-3
 
 
@@ -63,16 +66,19 @@ def visual_urdf(robot: Robot) -> str:
             _bar(bare[joint.child_link], np.zeros(3), end, thick, "link")
     if base in bare:
         _bar(bare[base], np.zeros(3), robot.joints[0].translation_m, thick, "link")
-    places = part_places(robot)
-    for k, cylinder in enumerate(robot.closed_chains):
-        parent, child = places[2 * k : 2 * k + 2]
-        host = base if parent.host < 0 else robot.joints[parent.host].child_link
-        at = robot.joints[parent.joint]
+    places = iter(part_places(robot))
+    for cylinder in robot.cylinders:
+        i = robot.joint_index(cylinder.joint)
+        at, host = robot.joints[i], base if i == 0 else robot.joints[i - 1].child_link
+        if cylinder.l1_m == 0.0:
+            _add_along(root, cylinder, at, host)
+            continue
+        parent, child = next(places), next(places)
         if host in bare:
             _bar(bare[host], at.translation_m, parent.pin_m, _ARM * thick, "arm")
         if at.child_link in bare:
             _bar(bare[at.child_link], np.zeros(3), child.pin_m, _ARM * thick, "arm")
-        _add_cylinder(root, cylinder, parent, host, (at.lower, at.upper))
+        _add_between_pins(root, cylinder, parent, host, (at.lower, at.upper))
     ElementTree.indent(root, "  ")
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, "unicode") + "\n"
 
@@ -104,33 +110,53 @@ def _root(robot: Robot) -> Element:
         raise RobotError(f"{robot.urdf}: cannot be read as XML: {error}") from error
 
 
-def _add_cylinder(
+def _add_between_pins(
     root: Element, c: Cylinder, place: PartPlace, host: str, limits: tuple[float, float]
 ) -> None:
-    barrel, rod = barrel_joint(c.name), rod_joint(c.name)
-    taken = {str(e.get("name")) for e in root if e.tag in ("link", "joint")}
-    for name in (barrel, rod, f"{barrel}_link", f"{rod}_link"):
-        if name in taken:
-            raise RobotError(f"the URDF has a '{name}' already, which would be of {c.name}")
+    """A barrel that turns about its pin, towards the other one."""
     # x from the pin towards the joint axis, turning about z.
     across = np.cross(place.axis, -place.towards)
     frame = np.stack([-place.towards, across, place.axis], axis=1)
     lower, upper = limits if np.isfinite(limits).all() else (-np.pi, np.pi)
     angles = np.unwrap(barrel_angle(c, np.linspace(lower, upper, 101)))
-    turn = _joint(root, barrel, "revolute", host, f"{barrel}_link")
+    turn = _add_barrel(root, c, "revolute", host)
     _origin(turn, place.pin_m, frame)
     SubElement(turn, "axis", xyz="0 0 1")
     _limit(turn, float(angles.min()) - 0.1, float(angles.max()) + 0.1)
-    slide = _joint(root, rod, "prismatic", f"{barrel}_link", f"{rod}_link")
+    _add_rod(root, c)
+
+
+def _add_along(root: Element, c: Cylinder, joint: Joint, host: str) -> None:
+    """A barrel that stands along the axis of a joint that slides; its rod ends at the link."""
+    stands = _add_barrel(root, c, "fixed", host)
+    _origin(stands, joint.translation_m, joint.rotation @ _frame_along(joint.axis))
+    _add_rod(root, c)
+
+
+def _add_barrel(root: Element, c: Cylinder, kind: str, host: str) -> Element:
+    """The joint of a barrel, and of the link behind it."""
+    barrel, rod = barrel_joint(c.name), rod_joint(c.name)
+    taken = {str(e.get("name")) for e in root if e.tag in ("link", "joint")}
+    for name in (barrel, rod, f"{barrel}_link", f"{rod}_link"):
+        if name in taken:
+            raise RobotError(f"the URDF has a '{name}' already, which would be of {c.name}")
+    return _joint(root, barrel, kind, host, f"{barrel}_link")
+
+
+def _add_rod(root: Element, c: Cylinder) -> None:
+    """A rod that slides out of its barrel along x, and the bodies of both."""
+    barrel, rod = f"{barrel_joint(c.name)}_link", f"{rod_joint(c.name)}_link"
+    slide = _joint(root, rod_joint(c.name), "prismatic", barrel, rod)
     _origin(slide, np.array([c.x0_m, 0.0, 0.0]), np.eye(3))
     SubElement(slide, "axis", xyz="1 0 0")
     _limit(slide, -0.1 * c.stroke_m, 1.1 * c.stroke_m)
-    mouth, reach = _BARREL * c.x0_m, c.stroke_m + 2.0 * (1.0 - _BARREL) * c.x0_m
+    cover = max((1.0 - _BARREL) * abs(c.x0_m), _COVER * c.stroke_m)
+    mouth, reach = c.x0_m - cover, c.stroke_m + 2.0 * cover
     # A barrel hung in its middle, or a dead length shorter than the stroke, reaches past its pin.
     bottom = min(0.0, c.x0_m - reach)
     links = {str(e.get("name")): e for e in root.iter("link")}
-    _round(links[f"{barrel}_link"], bottom, mouth, 0.5 * _WALL * c.bore_m, "barrel")
-    _round(links[f"{rod}_link"], -reach, 0.0, 0.5 * c.rod_m, "rod")
+    _round(links[barrel], bottom, mouth, 0.5 * _WALL * c.bore_m, "barrel")
+    _round(links[rod], -reach, 0.0, 0.5 * c.rod_m, "rod")
 
 
 def _joint(root: Element, name: str, kind: str, parent: str, child: str) -> Element:
@@ -176,18 +202,23 @@ def _numbers(values: FloatArray) -> str:
     return " ".join(f"{v:.12g}" for v in np.where(np.abs(values) < 1e-15, 0.0, values))
 
 
+def _frame_along(direction: FloatArray) -> FloatArray:
+    """A rotation (3, 3) whose x axis is a direction."""
+    x = np.asarray(direction) / np.linalg.norm(direction)
+    # Any direction that is not along it.
+    y = np.cross(np.eye(3)[int(np.argmin(np.abs(x)))], x)
+    y /= np.linalg.norm(y)
+    return np.stack([x, y, np.cross(x, y)], axis=1)
+
+
 def _bar(link: Element, begin: FloatArray, end: FloatArray, thick: float, colour: str) -> None:
     """A box from point to point."""
     along = np.asarray(end) - begin
     length = float(np.linalg.norm(along))
     if length < _LEAST_M:
         return
-    x = along / length
-    # Any direction that is not along it.
-    y = np.cross(np.eye(3)[int(np.argmin(np.abs(x)))], x)
-    y /= np.linalg.norm(y)
     visual = SubElement(link, "visual")
-    _origin(visual, begin + 0.5 * along, np.stack([x, y, np.cross(x, y)], axis=1))
+    _origin(visual, begin + 0.5 * along, _frame_along(along))
     box = SubElement(SubElement(visual, "geometry"), "box")
     box.set("size", _numbers(np.array([length, thick, thick])))
     SubElement(visual, "material", name=f"visual_{colour}")

@@ -1,10 +1,12 @@
 """Angles of the links and places of barrels and rods: what a drawing of a robot moves by.
 
-A cylinder on a triangle is drawn as two bodies: the barrel turns about its pin on the parent
-link, the rod slides along it. Both follow from the joint's position alone. In the triangle of
-joint axis, parent pin (`l1`) and child pin (`l2`) with the angle ``a = q + q0`` between the pins,
-seen from the parent pin with x towards the joint axis, the child pin lies at
-``(l1 - l2 cos a, -l2 sin a)``; the rod's position is the stroke x(q) of eq. 16.
+A cylinder is drawn as two bodies. On a triangle the barrel turns about its pin on the parent link,
+the rod slides along it; directly on a prismatic joint the barrel stands along the joint's axis,
+and the rod slides by the stroke ``x = q - x0``, as far as the joint does. Both follow from the
+joint's position alone. In the triangle of joint axis, parent pin (`l1`) and child pin (`l2`) with
+the angle ``a = q + q0`` between the pins, seen from the parent pin with x towards the joint axis,
+the child pin lies at ``(l1 - l2 cos a, -l2 sin a)``; the rod's position is the stroke x(q) of eq.
+16.
 """
 
 from __future__ import annotations
@@ -47,9 +49,13 @@ def visual_joint_names(robot: Robot) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        A cylinder that sits directly on a prismatic joint has none of its own.
+        Of a cylinder that sits directly on a prismatic joint the rod alone: its barrel stands.
     """
-    parts = [f(c.name) for c in robot.closed_chains for f in (barrel_joint, rod_joint)]
+    parts = []
+    for cylinder in robot.cylinders:
+        if cylinder.l1_m != 0.0:
+            parts.append(barrel_joint(cylinder.name))
+        parts.append(rod_joint(cylinder.name))
     return (*robot.joint_names, *parts)
 
 
@@ -64,8 +70,9 @@ def visual_joint_positions(robot: Robot, q: ArrayLike) -> FloatArray:
 
     Returns
     -------
-    (n + 2 k,) or (N, n + 2 k) array
-        In the order of `visual_joint_names`: rad, for rods m of stroke.
+    (n + 2 k + p,) or (N, n + 2 k + p) array
+        Of k cylinders on triangles and p on prismatic joints, in the order of
+        `visual_joint_names`: rad, for rods m of stroke.
 
     Raises
     ------
@@ -78,9 +85,11 @@ def visual_joint_positions(robot: Robot, q: ArrayLike) -> FloatArray:
             f"robot {robot.name}: expected {robot.dof} joint positions, found shape {q.shape}"
         )
     columns = [q]
-    for cylinder in robot.closed_chains:
+    for cylinder in robot.cylinders:
         own = q[..., robot.joint_index(cylinder.joint)]
-        columns.append(np.stack([barrel_angle(cylinder, own), stroke(cylinder, own)], axis=-1))
+        if cylinder.l1_m != 0.0:
+            columns.append(barrel_angle(cylinder, own)[..., None])
+        columns.append(stroke(cylinder, own)[..., None])
     return np.concatenate(columns, axis=-1)
 
 
