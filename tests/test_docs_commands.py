@@ -196,7 +196,7 @@ def check_module(words: list[str]) -> None:
         spec = importlib.util.find_spec(f"{words[0]}.__main__")
     assert spec is not None, f"{words[0]} does not run"
     assert spec.origin is not None
-    if "argparse" not in Path(spec.origin).read_text(encoding="utf-8"):
+    if "Parser(" not in Path(spec.origin).read_text(encoding="utf-8"):
         assert not options(words[1:]), f"{words[0]} takes no options"
         return
     run_parser(lambda: runpy.run_module(words[0], run_name="__main__"), words[0], words[1:])

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from hydro_control.errors import ControlError
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.output import add_json, report
 from hydro_msgs_docs.middleware import prepare_middleware
 
@@ -95,7 +95,7 @@ def _done(
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog=NAME,
         description="Change or read the state of a lifecycle node, or clear the trip of a bridge"
         " once its cause is gone.",

@@ -11,7 +11,7 @@ from typing import Any
 from hydro_control.errors import ControlError
 from hydro_control.lifecycle_command import seconds
 from hydro_control.node import NAME as CONTROLLER
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.output import add_json, report
 from hydro_msgs_docs.middleware import prepare_middleware
 
@@ -138,7 +138,7 @@ def sent_dict(name: str, path: Any, topic: str, points: int) -> dict[str, Any]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog=NAME, description="Ask a running controller to play a tip or joint path, or to stop."
     )
     parser.add_argument("path", metavar="FILE", nargs="?", help="path file, or a shipped path")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from hydro_hw_bridge.endings import on_end, on_end_at_once
 from hydro_hw_bridge.errors import BridgeError
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_msgs_docs.middleware import prepare_middleware
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def _parser() -> argparse.ArgumentParser:
 
     width = max(len(rule.name) for rule in PARAMETERS)
     lines = [f"  {rule.name:{width}}  {rule.text} [{rule.default}]" for rule in PARAMETERS]
-    return argparse.ArgumentParser(
+    return Parser(
         prog=NAME,
         description="CAN to ROS and back. A lifecycle node: inactive reads and publishes,"
         " active also drives the valves. Ends with 0 V on Ctrl-C, SIGTERM and SIGHUP.",

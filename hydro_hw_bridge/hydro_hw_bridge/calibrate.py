@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from hydro_hw_bridge.endings import on_end
 from hydro_hw_bridge.errors import BridgeError, CalibrationError
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.output import add_json, report
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog=NAME,
         description="Measures one machine's pressure zeros (pump off, oil drained), encoder"
         " references (machine in a known pose) and valve signs (one valve at a time, at 5 % at"

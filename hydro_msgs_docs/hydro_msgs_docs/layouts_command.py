@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.errors import HydroError
 from hydro_model.output import add_json, report_files, write_text
 
@@ -21,7 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="live_layouts",
         description="Write layouts for PlotJuggler and Foxglove: bringup, tracking, diagnosis.",
     )

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Sequence
 
+from hydro_model.command import Parser
+
 
 def own_arguments(arguments: Sequence[str]) -> list[str]:
     """The arguments outside `--ros-args ... --`, found without importing ROS.
@@ -52,7 +54,7 @@ def check_arguments(
         f"  {parameter:{width}}  {text} [{'required' if default is None else default}]"
         for parameter, text, default in rows
     ]
-    argparse.ArgumentParser(
+    Parser(
         prog=name,
         description=description,
         usage=f"{name} [-h] [--ros-args -p NAME:=VALUE ... | --params-file FILE]",

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.output import add_json, report_files
 from hydro_msgs_docs.layouts_command import write_layouts
 
@@ -22,7 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="visual_urdf",
         description="Write a robot to look at, for RViz and robot_state_publisher.",
         epilog=_EPILOG,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from hydro_hw_bridge.endings import on_end
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.payload import payload_argument
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 
 if TYPE_CHECKING:
     from hydro_hw_bridge.rig.core import RigCore
@@ -32,7 +32,7 @@ def main() -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="sim_rig",
         description="The simulated machine as a device on the CAN bus: encoders, pressures,"
         " valves. It is no ROS node; its true states go to a side file only.",

@@ -18,7 +18,7 @@ from hydro_ident.bag.mcap_types import Channel
 from hydro_ident.bag.playback import contents_of, messages
 from hydro_ident.bag.signals import stop_on_signals
 from hydro_ident.errors import BagError
-from hydro_model.command import run_command, warn
+from hydro_model.command import Parser, run_command, warn
 from hydro_model.output import STDOUT, add_json, report
 from hydro_model.safe_yaml import UnusableYamlError, parse
 from hydro_model.terminal import advance, progress_bar
@@ -46,7 +46,7 @@ def _rate(text: str) -> float:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="player", description="Play a bag (directory or .mcap file) back onto its topics."
     )
     parser.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 directory or .mcap file")

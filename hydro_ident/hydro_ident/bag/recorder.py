@@ -29,7 +29,7 @@ from hydro_ident.bag.recorder_topics import check_topic, wanted_topics
 from hydro_ident.bag.signals import stop_on_signals
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import IdentError
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.output import STDOUT, add_json, write_json
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.middleware import prepare_middleware
@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="recorder",
         description="Record topics into DIR/YYYYMMDD-HHMMSS_NAME (rosbag2, MCAP) until Ctrl-C.",
     )

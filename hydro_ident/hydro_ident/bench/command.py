@@ -38,7 +38,7 @@ from hydro_ident.bench import (
 from hydro_ident.bench.job import Job, Row, run
 from hydro_ident.bench.soak_page import SOAKS, with_soaks
 from hydro_ident.errors import IdentError
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.output import write_atomically
 
 
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="bench", description=(__doc__ or "").split("\n\n")[0])
+    parser = Parser(prog="bench", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("--json", type=Path, metavar="F", help="write the rows as JSON")
     parser.add_argument("--rounds", type=int, default=5, help="rounds of each job (default 5)")
     parser.add_argument(

@@ -11,7 +11,6 @@ after the first tenth of the time.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import os
@@ -30,7 +29,7 @@ from hydro_ident.bench.chain import MAX_AGE_MS, Running, product
 from hydro_ident.bench.timed_bus import lateness
 from hydro_ident.errors import IdentError
 from hydro_ident.study.peak import status_kb
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 
 #: Upper ends of the histogram's bins, ms; the last bin has none.
 EDGES_MS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 20.0, 50.0, 100.0)
@@ -255,7 +254,7 @@ def json_of(found: Soaked) -> str:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(prog="soak", description=(__doc__ or "").split("\n\n")[2])
+    parser = Parser(prog="soak", description=(__doc__ or "").split("\n\n")[2])
     parser.add_argument("--minutes", type=float, default=10.0, help="how long (default 10)")
     parser.add_argument("--json", type=Path, metavar="F", help="write the result as JSON")
     parser.add_argument(

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hydro_model.command import run_command, warn
+from hydro_model.command import Parser, run_command, warn
 from hydro_model.output import add_json, report
 from hydro_model.terminal import advance, progress_bar
 
@@ -25,7 +25,7 @@ _KEYS = ("rmse_mm", "max_error_mm", "max_speed_m_s", "rho_s")
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="compare_tracking",
         description="Tip tracking of several runs, side by side: by the rig's true tip and by"
         " the encoders. A run whose largest speed exceeds the reference's by more than"

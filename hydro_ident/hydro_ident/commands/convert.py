@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hydro_ident.errors import BagError
-from hydro_model.command import run_command, warn
+from hydro_model.command import Parser, run_command, warn
 from hydro_model.output import add_json, report, write_text
 from hydro_model.terminal import progress_bar
 
@@ -29,7 +29,7 @@ _MOST_UNUSED = 12
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="convert",
         description="Convert a CSV, MAT or Parquet log to a bag, by a mapping file.",
         epilog=_EPILOG,

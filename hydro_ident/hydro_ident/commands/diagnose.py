@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hydro_ident.mismatch.settings import LONGEST_S
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.output import STDOUT, add_json, report
 from hydro_model.terminal import progress_bar
 
@@ -29,7 +29,7 @@ which a line says and no exit code.
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="diagnose",
         description="Locate, name, model and verify the physics that a robot's model leaves out,"
         " from recorded bags.",

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.output import add_json, report
 from hydro_model.terminal import advance, progress_bar
 
@@ -29,7 +29,7 @@ _CAVITATES = (
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="excite",
         description="Design an identification run and a validation run within the joint, stroke,"
         " speed, force and flow limits of a robot, as path files that the controller plays, and"

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.output import STDOUT, add_json, report
 from hydro_model.terminal import progress_bar
 
@@ -64,7 +64,7 @@ def _add_filters(p: argparse.ArgumentParser) -> None:
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="identify",
         description="Identify base inertial parameters, friction, bulk modulus and valve edges,"
         " and the effects that the robot file lists, from recorded bags.",

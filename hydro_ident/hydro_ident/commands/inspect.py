@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hydro_model.command import printable, run_command
+from hydro_model.command import Parser, printable, run_command
 from hydro_model.output import add_json, report
 from hydro_model.terminal import advance, coloured, progress_bar
 
@@ -22,7 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="inspect", description="Say what is in a bag: rates, gaps, ranges, health."
     )
     parser.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 directory or .mcap file")

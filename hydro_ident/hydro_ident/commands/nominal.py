@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.output import add_json, report
 
 #: Of what `--json` writes.
@@ -22,7 +22,7 @@ _SMALLEST, _LARGEST = 1e-9, 1e-4
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="nominal",
         description="Write a datasheet robot that borrows an identified viscous friction.",
     )

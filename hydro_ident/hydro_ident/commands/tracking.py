@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hydro_model.command import run_command, warn
+from hydro_model.command import Parser, run_command, warn
 from hydro_model.output import add_json, report
 from hydro_model.terminal import advance, progress_bar
 
@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="tracking",
         description="Tip RMSE, largest error, largest speed and rho = largest error / largest"
         " speed over the span in which the tip reference moves.",

@@ -10,7 +10,6 @@ the errors of the friction and null bias estimates, and how far estimates move w
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +26,7 @@ from hydro_hw_bridge.rig.truth import Truth
 from hydro_ident.recordings.metrics import TRUTH_HALF_WIDTH, speed_m_s
 from hydro_ident.study.closed_loop import Run, run_closed_loop
 from hydro_ident.study.gain_choice import DEFAULT_SEEDS, START_DELAY_S, models
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.paths import load_path
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
@@ -174,7 +173,7 @@ def _row(seed: int, model: str, kinds: tuple[str, ...], o: Outcome) -> str:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(prog="adaptation", description=__doc__)
+    parser = Parser(prog="adaptation", description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=list(DEFAULT_SEEDS))
     parser.add_argument("--models", nargs="+", default=["exact", "nominal_35bar"])
     parser.add_argument("--payload", type=float, default=PAYLOAD_KG, help="kg (%(default)s)")

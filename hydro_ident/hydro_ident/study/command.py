@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.output import STDOUT, add_json, report
 from hydro_model.terminal import advance, progress_bar, say
 
@@ -24,7 +24,7 @@ PAGE = "study.md"
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="study",
         description="Make recordings of random cranes with concealed physics, diagnose them where"
         " the truth is not, and score the diagnoses. A run that was stopped goes on where it was.",

@@ -11,7 +11,6 @@ parameters lie beside how far the true ones do, and the time.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Sequence
@@ -23,7 +22,7 @@ from hydro_ident.errors import IdentError
 from hydro_ident.estimate.bodies.physical import PhysicalParameters
 from hydro_ident.identify.consistent_robot import physical_result
 from hydro_model.base_parameters import base_map
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.part_regrouping import point_mass
 from hydro_model.robot import BaseParameter, FloatArray, Joint, Robot
 from hydro_model.spatial import axis_rotation
@@ -188,9 +187,7 @@ def _row(dof: int, noise: float, cases: Sequence[Case]) -> str:
 
 def run(arguments: Sequence[str]) -> int:
     """Body of the command; returns its exit code."""
-    p = argparse.ArgumentParser(
-        prog="consistency", description="Consistent parameters of random machines."
-    )
+    p = Parser(prog="consistency", description="Consistent parameters of random machines.")
     p.add_argument("--count", type=int, default=20, help="machines per number of joints")
     p.add_argument("--seed", type=int, default=0)
     options = p.parse_args(arguments)

@@ -11,7 +11,6 @@ iid formula on the same rows, and the median of the interval's width over the ii
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -34,7 +33,7 @@ from hydro_ident.estimate.statistics.moments import Moments
 from hydro_ident.parameters.parameters import NORMAL_95, student_95
 from hydro_ident.study.designed_motion import DesignedMotion
 from hydro_ident.study.synthetic import STEP_S, Noise, synthetic_recording
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
 
@@ -253,7 +252,7 @@ def table(found: Sequence[Coverage]) -> str:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(prog="coverage", description=__doc__)
+    parser = Parser(prog="coverage", description=__doc__)
     parser.add_argument("--count", type=int, default=200, help="recordings per case")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args(arguments)

@@ -47,7 +47,7 @@ from hydro_ident.study.force_margin import Motion, force_margin, motion_along
 from hydro_ident.study.gain_choice import track
 from hydro_ident.study.machine_bags import design_experiment, model_of, record_runs
 from hydro_ident.study.placed import renewed
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.paths import TipPath, load_path
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
@@ -198,7 +198,7 @@ def _diagnosis(file: Path) -> dict[str, Any]:
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(prog="discovered", description=__doc__)
+    p = Parser(prog="discovered", description=__doc__)
     p.add_argument("--plants", type=int, default=20, help="machines (%(default)s)")
     p.add_argument("--seed", type=int, required=True, help="which machines")
     p.add_argument("--jobs", type=int, default=1, help="processes (%(default)s)")

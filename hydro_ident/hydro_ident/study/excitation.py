@@ -11,7 +11,6 @@ those predicted for the residuals that it left.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -33,7 +32,7 @@ from hydro_ident.estimate.forces.inertial import fit_inertial, force_rows
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.study.gain_choice import gains_of
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.cylinder import stroke
 from hydro_model.joint_ranges import middle
 from hydro_model.paths import JointPath, load_path
@@ -194,7 +193,7 @@ def _trace(robot: Robot, step_s: float, columns: Sequence[FloatArray]) -> Trace:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(prog="excitation", description=__doc__)
+    parser = Parser(prog="excitation", description=__doc__)
     parser.add_argument("--duration", type=float, default=64.0, help="s")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--truth", default="", help="drive the run on this truth of the rig too")

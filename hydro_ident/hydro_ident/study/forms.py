@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 
 #: What an axis's hidden physics repeats by: radians of a turn per unit of its variable.
 _RATES = ("vibration_rate", "ripple_count", "stiffness_count", "hum_rate", "drag_rate")
@@ -92,7 +92,7 @@ def run(arguments: Sequence[str]) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(prog="forms", description=__doc__)
+    p = Parser(prog="forms", description=__doc__)
     p.add_argument("out", type=Path, help="a study's folder")
     p.add_argument("--cases", nargs="+", default=[], metavar="CASE", help="only these")
     p.add_argument("--plain", action="store_true", help="do not draw the truth again")

@@ -11,7 +11,6 @@ machines are `random_truth` of the seeds, not the one that the demo compares row
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Iterable, Sequence
@@ -31,7 +30,7 @@ from hydro_ident.errors import IdentError
 from hydro_ident.identify.identified_robot import with_edge_coefficient, with_viscous_friction
 from hydro_ident.recordings.metrics import TRUTH_HALF_WIDTH, Tracking, tracking
 from hydro_ident.study.closed_loop import run_closed_loop
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.paths import load_path
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
@@ -134,7 +133,7 @@ def score(robot: Robot, truths: Sequence[Truth], gains: Gains) -> Score:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(prog="gain_choice", description=__doc__)
+    parser = Parser(prog="gain_choice", description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=list(DEFAULT_SEEDS))
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
     options = parser.parse_args(arguments)

@@ -28,7 +28,7 @@ from hydro_ident.bag.reader import METADATA_FILE, read_bag
 from hydro_ident.bag.series import Series
 from hydro_ident.errors import BagError, IdentError
 from hydro_ident.study.sources import digests_of
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.output import write_atomically
 from hydro_msgs_docs.middleware import prepare_middleware
 
@@ -271,7 +271,7 @@ def digests(root: Path) -> dict[str, str]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="kills",
         description="Kill recorders at random moments, at roll-overs and while closing.",
     )

@@ -9,7 +9,6 @@ large (wrong). Two tables: neighbours of the shipped gains, and each name left o
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,7 +18,7 @@ from hydro_hw_bridge.rig.random_truth import random_truth
 from hydro_hw_bridge.rig.truth import Truth
 from hydro_ident.recordings.metrics import Tracking
 from hydro_ident.study.gain_choice import exact_model, track
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
@@ -118,7 +117,7 @@ def _without(robot: Robot, name: str) -> tuple[EffectSpec, ...]:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(prog="known_effects", description=__doc__)
+    parser = Parser(prog="known_effects", description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=list(DEFAULT_SEEDS))
     options = parser.parse_args(arguments)
     robot = load_robot("xs031")

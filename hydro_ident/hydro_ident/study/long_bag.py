@@ -10,7 +10,6 @@ and time. Bags are removed again.
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import sys
 import tempfile
@@ -24,7 +23,7 @@ from hydro_ident.bag.recording import Recording, read_recording
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.study.peak import Spent, spent
 from hydro_ident.study.synthetic import START_NS, synthetic_recording
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.robot import FloatArray
 from hydro_model.robot_files import load_robot
 
@@ -154,7 +153,7 @@ def measure(
 
 
 def _run(arguments: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(prog="long_bag", description=__doc__)
+    parser = Parser(prog="long_bag", description=__doc__)
     parser.add_argument("--minutes", type=float, nargs="+", default=[10.0, 40.0, 160.0])
     parser.add_argument("--folder", type=Path, help="where the bags go for a while")
     parser.add_argument("--command", choices=COMMANDS, default="identify")

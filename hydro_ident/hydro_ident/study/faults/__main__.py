@@ -22,7 +22,7 @@ from hydro_ident.study.faults.wall_ends import EndDeeds
 from hydro_ident.study.faults.wall_link import LinkDeeds
 from hydro_ident.study.faults.wall_processes import ProcessDeeds
 from hydro_ident.study.placed import write_result
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.robot_files import load_robot
 
 SCHEMA = "hydro_ident/faults/2"
@@ -34,7 +34,7 @@ BESIDE = ("recorder", "identification", "send_path")
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="faults",
         description="Put faults between machine, bridge and controller, and measure at the rig's"
         " valve input how each ends: most in device time, core to core and deterministic; a"

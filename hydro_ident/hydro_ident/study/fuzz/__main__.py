@@ -12,12 +12,12 @@ from typing import Any
 
 from hydro_ident.study.fuzz.campaign import campaign
 from hydro_ident.study.fuzz.sources import changed, digests
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.output import write_atomically
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="fuzz", description="Broken and hostile files for every loader, one after another."
     )
     parser.add_argument("--corpus", type=Path, required=True, help="folder of files to start from")

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hydro_ident.errors import IdentError
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 
 KINDS = ("control", "diagnosis")
 _SHOWN = 20
@@ -17,7 +17,7 @@ _SHOWN = 20
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="golden",
         description="Replay the golden bags through controller and diagnosis and compare every"
         " field with the committed references. Exit 0: as expected; 1: it differs.",

@@ -28,12 +28,12 @@ from hydro_ident.study.mutants.page import (
 from hydro_ident.study.mutants.trial import SURVIVED, covered, prepare, tried
 from hydro_ident.study.placed import write_result
 from hydro_ident.study.sources import digests_of
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="mutants",
         description="Change the gate and the watchdogs in one place at a time, and see that a"
         " test of theirs fails. The sources stay as they are.",

@@ -14,12 +14,12 @@ from hydro_ident.study.placed import write_result
 from hydro_ident.study.sabotage.listed import SABOTAGES
 from hydro_ident.study.sabotage.page import PAGE, result_of, with_table
 from hydro_ident.study.sabotage.trial import PACKAGE, outcomes
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="sabotage",
         description="Put deliberate faults into a copy of the diagnosis, one at a time, and see"
         " that the test named for each passes without it and fails with it.",

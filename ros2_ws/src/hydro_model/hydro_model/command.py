@@ -7,16 +7,65 @@ wanted; nothing heavy has been imported by then.
 
 from __future__ import annotations
 
+import argparse
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, NoReturn
 
 from hydro_model.errors import HydroError
 from hydro_model.terminal import coloured
 
 Main = Callable[[Sequence[str]], int]
+
+#: Share of letters in common from which an option is taken for another one, misspelt.
+_ALIKE = 0.7
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors say which option an unknown one may have been meant for.
+
+    That of every command line of the packages, and of their subcommands.
+    """
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As of argparse; what was given is kept for errors.
+
+        `args` are the words, by default the process's own; `namespace` is filled, or a new one.
+        """
+        self._given = list(sys.argv[1:] if args is None else args)
+        return super().parse_known_args(self._given, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """As of argparse, with what is unknown beside what was meant.
+
+        `message` says what is wrong: a required option that is misspelt is missing, too.
+        """
+        super().error(printable(message + "".join(f"; {hint}" for hint in self._hints())))
+
+    def _hints(self) -> Iterator[str]:
+        from difflib import get_close_matches
+
+        known = sorted(_options(self))
+        given = getattr(self, "_given", [])
+        # Behind -- nothing is an option; before =, its value.
+        ends = given.index("--") if "--" in given else len(given)
+        for word in dict.fromkeys(w.partition("=")[0] for w in given[:ends]):
+            unknown = word.startswith("--") and not any(one.startswith(word) for one in known)
+            meant = get_close_matches(word, known, 1, _ALIKE) if unknown else []
+            if meant:
+                yield f"unknown option '{word}', did you mean '{meant[0]}'?"
+
+
+def _options(parser: argparse.ArgumentParser) -> set[str]:
+    """The long options of a parser and of its subcommands."""
+    found = {word for word in parser._option_string_actions if word.startswith("--")}
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for sub in action.choices.values():
+                found |= _options(sub)
+    return found
 
 
 def printable(text: str) -> str:
@@ -89,8 +138,6 @@ def run_command(name: str, main: Main, arguments: Sequence[str] | None = None) -
 
 def _complete_words() -> None:
     """Answer the shell, in the process that it started for completions, with the first parser."""
-    import argparse
-
     try:
         import argcomplete
     except ImportError:

@@ -13,7 +13,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hydro_model.command import run_command
+from hydro_model.command import Parser, run_command
 from hydro_model.errors import RobotError
 from hydro_model.output import write_text
 from hydro_model.robot import Sensors
@@ -168,7 +168,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="new_robot",
         description="Write NAME.hydraulics.yaml beside NAME.urdf from pins and datasheets.",
         epilog="PX PY and CX CY: pins on the parent and on the child link, m from the joint's axis"
