@@ -30,10 +30,11 @@ class Counts:
 
     Attributes
     ----------
-    answered, repeated, missed, old, faults, refused, withheld : int
+    answered, repeated, missed, old, faults, refused, withheld, not_followed : int
         Stamps answered; repeats of the newest stamp; stamps that never came; stamps older than
         the newest; samples answered by 0 V because of a value; references refused; stamps at
-        which the valves got 0 V instead of the command.
+        which the valves got 0 V instead of the command; motions dropped as the arm did not
+        follow.
     """
 
     answered: int = 0
@@ -43,3 +44,4 @@ class Counts:
     faults: int = 0
     refused: int = 0
     withheld: int = 0
+    not_followed: int = 0

@@ -69,6 +69,7 @@ class ControllerNode(LifecycleNode):
             settings.adaptation,
             settings.tip_speed_limit_m_s,
             settings.runaway,
+            settings.following,
             checks_beside=True,
         )
 
@@ -203,6 +204,7 @@ class ControllerNode(LifecycleNode):
             "faults": counts.faults,
             "refused": counts.refused,
             "withheld": counts.withheld,
+            "not_followed": counts.not_followed,
         }
         listed = self._core.law.plan
         values["compensated"] = " ".join(listed.names)

@@ -17,6 +17,7 @@ from hydro_control.answer import Answer, Counts
 from hydro_control.applied import AppliedWatch
 from hydro_control.asking import ask_path, ask_trajectory
 from hydro_control.errors import NUMERICAL_ERRORS, ControlError
+from hydro_control.following_error import FollowingLimits, FollowingWatch
 from hydro_control.gains import Gains
 from hydro_control.law import ControlLaw
 from hydro_control.motion_limits import TIP_SPEED_M_S
@@ -63,6 +64,9 @@ class ControllerCore:
         Paths beyond it are refused, faster required motion is slowed.
     runaway : RunawayLimits, optional
         What measured motion ends in 0 V until `restart`; by default the shipped limits.
+    following : FollowingLimits, optional
+        From when on an arm does not follow: its motion is dropped and it is held where it is, or,
+        where it was only held, at 0 V until `restart`; by default the shipped limits.
     checks_beside : bool
         Hold until somebody beside the samples' thread has called `check_waiting_path`; by default
         the answer to the first sample takes as long as the check.
@@ -80,6 +84,7 @@ class ControllerCore:
     adaptation: AdaptationSettings | None = None
     tip_speed_m_s: float = TIP_SPEED_M_S
     runaway: RunawayLimits = field(default_factory=RunawayLimits)
+    following: FollowingLimits = field(default_factory=FollowingLimits)
     checks_beside: bool = False
     counts: Counts = field(default_factory=Counts)
     message: str = ""
@@ -98,6 +103,7 @@ class ControllerCore:
         self._adaptation_reset = False
         self._watch = AppliedWatch(np.array([v.rated_voltage_v for v in self.robot.valves]))
         self._runaway = RunawayWatch(self.robot, self.law.limits, self.runaway, self.law.dt_s)
+        self._following = FollowingWatch(self.robot, self.following)
         self._path_checked_from: FloatArray | None = None
         if self.path is not None:
             limits = self.law.robot, self.path, self.tip_speed_m_s
@@ -115,6 +121,7 @@ class ControllerCore:
         self._adaptation_reset = False
         self._watch.clear()
         self._runaway.forget()
+        self._following.forget()
         self._stamps.forget()
         self.message = ""
 
@@ -170,10 +177,11 @@ class ControllerCore:
         gauge = sample.gauge(self.robot)
         reference = self._reference(sample)
         now_s = 0.0 if self._run is None else self._run.now_s
-        if fault := self._runaway.fault or self._stamps.other_rate:
+        if fault := self._fault:
             output = self.law.stopped(sample.q, reference, fault)
         else:
             output = self.law.step(now_s, sample.q, *gauge, reference, self._ahead())
+            self._look_behind(sample.q, output)
         self._count(sample.stamp_ns, output)
         moving = any(reference.velocity.tolist())
         if self._run is not None:
@@ -195,6 +203,24 @@ class ControllerCore:
         if fault:
             run.hold()
             run.anew = False
+
+    @property
+    def _fault(self) -> str:
+        """Why the valves are at 0 V until `restart`; empty where they are not."""
+        return self._following.fault or self._runaway.fault or self._stamps.other_rate
+
+    def _look_behind(self, q: FloatArray, output: Output) -> None:
+        """An arm that does not follow is held where it is, from the next sample on."""
+        run, watch = self._run, self._following
+        if run is None or output.fault:
+            return
+        if why := watch.judge(run.now_s, q, output.q_d, run.epoch, held=run.held):
+            run.hold()
+            run.anew = False
+            if not watch.fault:
+                self.counts.not_followed += 1
+                lost = f"the motion was dropped, as {why}"
+                self.message = f"holding: {lost}: it runs against something, or lacks the force"
 
     def _ahead(self) -> Reference | None:
         """The reference at the instant that the law looks ahead to."""
@@ -367,7 +393,7 @@ class ControllerCore:
             run.ask_stop()
             return
         standing = run.standing if standing is None else standing
-        if stopped := self.silent or self._runaway.fault or self._stamps.other_rate:
+        if stopped := self.silent or self._fault:
             raise self.refusal(f"the controller stopped: {stopped}")
         try:
             ask_trajectory(standing, space, names, waypoints, start_ns)

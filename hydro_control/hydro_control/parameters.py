@@ -7,6 +7,7 @@ from typing import Any
 
 from hydro_control.adaptation_settings import KINDS, AdaptationSettings, kinds_of
 from hydro_control.errors import ControlError
+from hydro_control.following_error import FollowingLimits
 from hydro_control.gains import Gains
 from hydro_control.motion_limits import TIP_SPEED_M_S
 from hydro_control.runaway import RunawayLimits
@@ -41,6 +42,7 @@ class Parameter:
 _GAINS = Gains()
 _ADAPT = AdaptationSettings()
 _RUNAWAY = RunawayLimits()
+_FOLLOWING = FollowingLimits()
 
 PARAMETERS = (
     Parameter("robot", "xs031", "", "a *.hydraulics.yaml or model.yaml, or a shipped robot"),
@@ -117,6 +119,24 @@ PARAMETERS = (
         " 0.2 m/s at least; latched",
         1.1,
         10,
+    ),
+    Parameter(
+        "following_error_share",
+        _FOLLOWING.error_share,
+        "",
+        "a joint further from where it shall be than this share of its range, and without headway"
+        " for `following_error_s`, ends the motion: the arm is held where it is (blocked, or"
+        " without power); what was only held is at 0 V, latched",
+        0.005,
+        1,
+    ),
+    Parameter(
+        "following_error_s",
+        _FOLLOWING.time_s,
+        "s",
+        "how long; headway is a twentieth of what the joint's velocity limit allows in that time",
+        0.05,
+        60,
     ),
     Parameter(
         "adaptation",
@@ -252,6 +272,7 @@ class Settings:
     gains : Gains
     tip_speed_limit_m_s : float
     runaway : RunawayLimits
+    following : FollowingLimits
     adaptation : AdaptationSettings
     real_time : RealTimeOptions
     """
@@ -263,6 +284,7 @@ class Settings:
     gains: Gains
     tip_speed_limit_m_s: float
     runaway: RunawayLimits
+    following: FollowingLimits
     adaptation: AdaptationSettings
     real_time: RealTimeOptions
 
@@ -278,6 +300,7 @@ def read(node: Any) -> Settings:
         gains=Gains(**{f.name: values[f.name] for f in fields(Gains)}),
         tip_speed_limit_m_s=values["tip_speed_limit_m_s"],
         runaway=RunawayLimits(values["fault_end_share"], values["fault_speed_factor"]),
+        following=FollowingLimits(values["following_error_share"], values["following_error_s"]),
         adaptation=AdaptationSettings(
             kinds=kinds_of(values["adaptation"]),
             **{

@@ -81,6 +81,8 @@ class ReferenceRun:
     epoch : int
         Of where the reference stands: another one each time that it is set anew. What was
         planned in one is played in no other.
+    caught : int
+        The newest epoch that began with a hold where the robot stood.
     stop : bool
         To come to rest at the next sample.
     stops : int
@@ -108,6 +110,7 @@ class ReferenceRun:
     seen_s: float = 0.0
     pending: Asked | None = None
     epoch: int = 0
+    caught: int = 0
     stop: bool = False
     stops: int = 0
     following: bool = False
@@ -136,6 +139,11 @@ class ReferenceRun:
     def moving(self) -> bool:
         """A path or trajectory is being played."""
         return self.player.moving(self.now_s)
+
+    @property
+    def held(self) -> bool:
+        """Nothing was played since the reference was set to where the robot stood."""
+        return self.caught == self.epoch
 
     def advance(self, stamp_ns: int) -> None:
         """Time went on.
@@ -220,6 +228,7 @@ class ReferenceRun:
     def hold(self) -> None:
         """Stand where the robot is; what was asked for is dropped."""
         self.epoch += 1
+        self.caught = self.epoch
         self.player.hold(self.q, self.now_s)
         self.stop, self.pending, self.path_waits = False, None, False
 

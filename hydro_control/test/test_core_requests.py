@@ -12,6 +12,7 @@ import pytest
 from hydro_control import reference
 from hydro_control.core import Answer, ControllerCore, Sample
 from hydro_control.errors import ControlError
+from hydro_control.following_error import FollowingLimits
 from hydro_control.gains import Gains
 from hydro_control.path_limits import same_start, start_of_path
 from hydro_control.reference import ReferencePlayer
@@ -199,8 +200,8 @@ def test_what_was_accepted_is_played_and_not_replaced_before_it_begins() -> None
     assert answered_up_to(core, 1, 600).reference.position[0] == pytest.approx(0.7)
     core.request_trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
     core.request_stop()
-    core.request_trajectory("joint", ["lift"], [Waypoint(1.0, np.array([0.8]), EMPTY, EMPTY)])
-    assert answered_up_to(core, 601, 1200).reference.position[0] == pytest.approx(0.8)
+    core.request_trajectory("joint", ["lift"], [Waypoint(1.0, np.array([0.65]), EMPTY, EMPTY)])
+    assert answered_up_to(core, 601, 1200).reference.position[0] == pytest.approx(0.65)
 
 
 LOADED = replace(ROBOT, effects=(EffectSpec("payload_change", ROBOT.name, {"mass": 20.0}),))
@@ -289,7 +290,9 @@ class Beside:
     """A controller whose own path is checked beside the samples."""
 
     def __init__(self, q: FloatArray) -> None:
-        self.core = ControllerCore(LOADED, Gains(), OUT, checks_beside=True)
+        # It stands, whatever is played.
+        following = FollowingLimits(time_s=60.0)
+        self.core = ControllerCore(LOADED, Gains(), OUT, following=following, checks_beside=True)
         self.q, self.cycle = q, -1
         self.run()
 
