@@ -30,6 +30,7 @@ setup(
             "can_bridge = hydro_hw_bridge.bridge_node:main",
             "sim_rig = hydro_hw_bridge.rig.command:main",
             "calibrate = hydro_hw_bridge.calibrate:main",
+            "new_bus = hydro_hw_bridge.new_bus:main",
         ],
     },
 )

@@ -4,10 +4,12 @@
 #   scripts/rig_run.sh --name NAME --path PATH --out DIR [options]
 # Writes DIR/bags/*_NAME, DIR/truth/NAME.npz and DIR/logs/NAME.*.log.
 # Options:
-#   --robot ROBOT      the controller's robot file (default xs031)
+#   --rig ROBOT        the machine, and what the bridge takes it for (default xs031)
+#   --mapping FILE, --dbc FILE      its I/O (default: those shipped for it, or made by new_bus)
+#   --robot ROBOT      the controller's robot file (default: the machine's)
 #   --controller FILE  ROS parameters of the controller: gains (default: the package's gains.yaml)
-#   --truth TRUTH      what the rig really is (default realistic)
-#   --tip "X Y Z"      where its tip starts (default "2.0 0.0 -1.2")
+#   --truth TRUTH      what the rig really is (default realistic; of another robot than xs031 ideal)
+#   --tip "X Y Z", --joints "Q ..."    where its tip starts (xs031: "2.0 0.0 -1.2"), or its joints
 #   --seed N           of the rig's sensor noise (default 1)
 #   --real-time        500 Hz of wall time instead of lockstep
 #   --duration S       end after this machine time (default: the path, and 2.5 s)
@@ -17,13 +19,14 @@ shopt -s inherit_errexit
 
 here=$(CDPATH='' cd -- "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 bad() { printf 'rig_run: %s\n' "$*" >&2; exit 2; }
-name= path= out= robot=xs031 controller= truth=realistic tip='2.0 0.0 -1.2' seed=1
+name= path= out= rig=xs031 robot= controller= truth= tip= joints= mapping= dbc= seed=1
 clock=lockstep duration= bus=udp_multicast:239.74.163.2:$((43200 + BASHPID % 2000))
 while [[ $# -gt 0 ]]; do
   case $1 in
     --real-time) clock=real_time; shift ;;
-    -h|--help) sed -n '2,15s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 0 ;;
-    --name|--path|--out|--robot|--controller|--truth|--tip|--seed|--duration|--bus)
+    -h|--help) sed -n '2,17s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 0 ;;
+    --name|--path|--out|--rig|--robot|--controller|--truth|--tip|--joints|--mapping|--dbc|--seed|\
+    --duration|--bus)
       [[ $# -ge 2 ]] || bad "$1 needs a value"
       printf -v "${1#--}" '%s' "$2"; shift 2 ;;
     *) bad "unknown option '$1' (see --help)" ;;
@@ -33,6 +36,10 @@ for needed in name path out; do [[ -n ${!needed} ]] || bad "expected --$needed (
 if [[ -n $duration && ! $duration =~ ^([0-9]+([.][0-9]*)?|[.][0-9]+)$ ]]; then
   bad "--duration: expected seconds such as 12.5, found '$duration'"
 fi
+[[ -z $tip || -z $joints ]] || bad "--tip and --joints exclude each other"
+for given in mapping dbc; do
+  [[ -z ${!given} || -f ${!given} ]] || bad "--$given: expected a file, found none at '${!given}'"
+done
 mkdir -p "$out/logs" "$out/truth" "$out/bags" || bad "cannot make folders in $out"
 out=$(realpath "$out")
 
@@ -48,7 +55,26 @@ source "$here/processes.sh"
 # another run on this computer.
 ROS_DOMAIN_ID=$(unused_domain $((BASHPID % 90 + 10)))
 export ROS_DOMAIN_ID
-mapping=$(default_mapping xs031)
+if [[ $rig == xs031 ]]; then
+  [[ -n $joints ]] || tip=${tip:-2.0 0.0 -1.2}
+  truth=${truth:-realistic}
+fi
+robot=${robot:-$rig}
+# What is shipped is found by the robot's name; for another one a bus is made.
+if [[ -z $mapping ]]; then mapping=$(default_mapping "$rig"); fi
+if [[ -z $mapping ]]; then
+  "$(hydro_exe hydro_hw_bridge new_bus)" --robot "$rig" --out "$out/bus" --force >&2
+  mapping=$(printf '%s\n' "$out"/bus/*.mapping.yaml)
+fi
+io=(--mapping "$mapping" ${dbc:+--dbc "$dbc"})
+pose=()
+if [[ -n $tip ]]; then
+  read -ra pose <<<"$tip"
+  pose=(--tip "${pose[@]}")
+elif [[ -n $joints ]]; then
+  read -ra pose <<<"$joints"
+  pose=(--joints "${pose[@]}")
+fi
 gains=$(realpath "${controller:-$(shipped_gains)}")
 planned=$(path_seconds "$path" 2.5)
 duration=${duration:-$planned}
@@ -60,13 +86,12 @@ do
   deep_history+=(-p "qos_overrides./$topic.publisher.depth:=1000")
 done
 began=$SECONDS
-read -ra tip <<<"$tip"
-start "$name.rig" "$(hydro_exe hydro_hw_bridge sim_rig)" --robot xs031 --truth "$truth" \
-  --can "$bus" "--${clock/_/-}" --seed "$seed" --tip "${tip[@]}" --duration "$duration" \
+start "$name.rig" "$(hydro_exe hydro_hw_bridge sim_rig)" --robot "$rig" --truth "${truth:-ideal}" \
+  "${io[@]}" --can "$bus" "--${clock/_/-}" --seed "$seed" "${pose[@]}" --duration "$duration" \
   --truth-out "$out/truth/$name.npz"
 wait_for "$name.rig" ready
-start "$name.bridge" "$(hydro_exe hydro_hw_bridge can_bridge)" --ros-args -p robot:=xs031 \
-  -p "can:=$bus" -p "clock:=$clock" "${deep_history[@]}" \
+start "$name.bridge" "$(hydro_exe hydro_hw_bridge can_bridge)" --ros-args -p "robot:=$rig" \
+  -p "mapping:=$mapping" ${dbc:+-p "dbc:=$dbc"} -p "can:=$bus" -p "clock:=$clock" "${deep_history[@]}" \
   -p "required_subscribers:=/joint_states:2 /chamber_pressures:2 /valve_state:2"
 start "$name.recorder" "$(hydro_exe hydro_ident recorder)" --out "$out/bags" --name "$name" \
   --robot "$robot" --attach "controller_parameters=$gains" --attach "mapping=$mapping"
