@@ -16,7 +16,7 @@ from hydro_control.axes import SHORTEST_LEVER_M
 from hydro_control.errors import ControlError
 from hydro_control.motion_limits import MotionLimits
 from hydro_model.cylinder import lever
-from hydro_model.kinematics import tip_position
+from hydro_model.kinematics import TipPlace
 from hydro_model.robot import FloatArray, Robot
 
 #: A joint further beyond its end than this share of its range is not driven at all.
@@ -88,17 +88,18 @@ class RunawayWatch:
     def __init__(
         self, robot: Robot, limits: MotionLimits, runaway: RunawayLimits, dt_s: float
     ) -> None:
-        self._robot, self._limits, self._dt_s = robot, limits, dt_s
-        self._names = robot.joint_names
+        self._limits, self._dt_s = limits, dt_s
+        self._names, self._tip = robot.joint_names, TipPlace(robot)
         span = limits.upper - limits.lower
         self._margin = runaway.end_share * span
         speeds = np.array([joint.velocity_limit for joint in robot.joints])
-        self._fastest = runaway.speed_factor * speeds
+        self._fastest = (runaway.speed_factor * speeds).tolist()
         tip_m_s = limits.tip_speed_m_s
         self._tip_fastest = max(runaway.speed_factor * tip_m_s, tip_m_s + TIP_ALLOWANCE_M_S)
         self._least, self._most = _driven_range(robot, limits)
-        self._past: deque[tuple[float, FloatArray, FloatArray]] = deque(maxlen=SPAN + 1)
-        self.lower, self.upper, self.opened = limits.lower, limits.upper, False
+        self._past: deque[tuple[float, list[float], list[float]]] = deque(maxlen=SPAN + 1)
+        self.lower, self.upper = limits.lower, limits.upper
+        self._look()
         self._in_a_row = 0
         self.forget()
 
@@ -130,8 +131,10 @@ class RunawayWatch:
         past = self._past
         if past and stamp_s - past[-1][0] > GAP_STEPS * self._dt_s:
             past.clear()
-        past.append((stamp_s, q, np.asarray(tip_position(self._robot, q))))
-        found = self._beyond(q) or self._too_fast()
+        # As plain numbers: of a few joints, most of the time would be numpy's price of a call.
+        positions: list[float] = q.tolist()
+        past.append((stamp_s, positions, self._tip.at(q)))
+        found = self._beyond(positions) or self._too_fast()
         self._in_a_row = self._in_a_row + 1 if found else 0
         if self.opened and not found:
             self.lower = np.minimum(self._limits.lower, np.maximum(self.lower, q))
@@ -150,35 +153,40 @@ class RunawayWatch:
         self._in_a_row = 0
 
     def _look(self) -> None:
+        """Follow `lower` and `upper`: whether they are opened, and where a joint is at fault."""
         ends = self._limits.lower, self._limits.upper
         self.opened = not np.array_equal((self.lower, self.upper), ends)
+        least = np.maximum(self.lower - self._margin, self._least)
+        most = np.minimum(self.upper + self._margin, self._most)
+        self._allowed = np.stack([least, most], axis=1).tolist()
 
-    def _beyond(self, q: FloatArray) -> str:
-        least, most = self.lower - self._margin, self.upper + self._margin
-        far = (q < self._least) | (q > self._most)
-        out = far | (q < least) | (q > most)
-        if not out.any():
-            return ""
-        i = int(np.argmax(out))
-        expected = f"{least[i]:.4f} to {most[i]:.4f}"
-        if far[i]:
+    def _beyond(self, positions: list[float]) -> str:
+        for i, at in enumerate(positions):
+            least, most = self._allowed[i]
+            if at < least or at > most:
+                return self._described(i, at)
+        return ""
+
+    def _described(self, i: int, at: float) -> str:
+        least, most = (self.lower - self._margin)[i], (self.upper + self._margin)[i]
+        expected = f"{least:.4f} to {most:.4f}"
+        if at < self._least[i] or at > self._most[i]:
             expected = f"{self._least[i]:.4f} to {self._most[i]:.4f} to be driven back from"
-        return f"joint '{self._names[i]}' is measured at {q[i]:.4f}, expected {expected}"
+        return f"joint '{self._names[i]}' is measured at {at:.4f}, expected {expected}"
 
     def _too_fast(self) -> str:
         past = self._past
         if len(past) <= SPAN:
             return ""
         (begin, q_0, tip_0), (end, q_1, tip_1) = past[0], past[-1]
-        speed = np.abs(q_1 - q_0) / (end - begin)
-        fast = speed > self._fastest
-        if fast.any():
-            i = int(np.argmax(fast))
-            return (
-                f"joint '{self._names[i]}' is measured at a speed of {speed[i]:.3f}, expected at"
-                f" most {self._fastest[i]:.3f}"
-            )
-        tip_speed = float(np.linalg.norm(tip_1 - tip_0)) / (end - begin)
+        for i, fastest in enumerate(self._fastest):
+            speed = abs(q_1[i] - q_0[i]) / (end - begin)
+            if speed > fastest:
+                return (
+                    f"joint '{self._names[i]}' is measured at a speed of {speed:.3f}, expected at"
+                    f" most {fastest:.3f}"
+                )
+        tip_speed = math.dist(tip_1, tip_0) / (end - begin)
         if tip_speed > self._tip_fastest:
             return (
                 f"the tip is measured at {tip_speed:.3f} m/s, expected at most"

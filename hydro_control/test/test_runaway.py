@@ -78,6 +78,17 @@ def test_under_a_low_limit_what_every_start_overshoots_is_no_runaway() -> None:
         assert bool(judged(watch(tip_speed_m_s=0.02), rows)[-1]) == faulty
 
 
+def test_it_says_how_fast_the_tip_is() -> None:
+    random, one, rows = np.random.default_rng(5), watch(tip_speed_m_s=0.02), [MIDDLE]
+    for _ in range(SPAN + BELIEVED - 1):  # with the last of these it is believed
+        rows.append(rows[-1] + DT * random.uniform(0.1, 0.3, 2))
+    said = judged(one, np.array(rows))[-1]
+    moved_m = tip_position(ROBOT, rows[-1]) - tip_position(ROBOT, rows[-1 - SPAN])
+    expected = float(np.linalg.norm(moved_m)) / (SPAN * DT)
+    found = float(said.removeprefix("the tip is measured at ").split()[0])
+    assert found == pytest.approx(expected, abs=6e-4)
+
+
 def _tip(q: FloatArray) -> FloatArray:
     jacobian = tip_state(ROBOT, q, 0.0 * q)[1]
     across = float(np.linalg.norm(jacobian[:, 0]))

@@ -10,6 +10,7 @@ import pytest
 
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import (
+    TipPlace,
     link_frames,
     tip_jacobian,
     tip_jacobian_rate,
@@ -49,10 +50,12 @@ def test_pinocchio_agrees(make_chain: MakeChain, seed: int, dof: int) -> None:
     tip = model.addFrame(pinocchio.Frame("tip", parent, 0, offset, pinocchio.FrameType.OP_FRAME))
     data = model.createData()
     aligned = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    pose_by_pose = TipPlace(robot)
     for q, qd in np.random.default_rng(dof).uniform(-2.0, 2.0, size=(5, 2, dof)):
         pinocchio.computeJointJacobiansTimeVariation(model, data, q, qd)
         pinocchio.updateFramePlacements(model, data)
         assert np.allclose(tip_position(robot, q), data.oMf[tip].translation, atol=1e-12)
+        assert np.allclose(pose_by_pose.at(q), data.oMf[tip].translation, atol=1e-12)
         jacobian = pinocchio.getFrameJacobian(model, data, tip, aligned)[:3].reshape(3, dof)
         assert np.allclose(tip_jacobian(robot, q), jacobian, atol=1e-12)
         rate = pinocchio.getFrameJacobianTimeVariation(model, data, tip, aligned)[:3]
@@ -89,6 +92,9 @@ def test_a_stack_is_its_samples_and_the_state_its_parts(make_chain: MakeChain) -
 def test_wrong_shapes_are_refused() -> None:
     with pytest.raises(RobotError, match="expected joint vectors"):
         tip_position(load_robot("xs031"), [0.0, 0.0, 0.0])
+    for wrong in (np.zeros(3), np.zeros(1), np.zeros((1, 2))):
+        with pytest.raises(RobotError, match="expected joint positions of shape"):
+            TipPlace(load_robot("xs031")).at(wrong)
 
 
 @pytest.mark.parametrize(("seed", "dof"), CHAINS)
