@@ -124,8 +124,8 @@ def test_an_approach_is_as_slow_as_the_tip_has_to_be() -> None:
 
 def test_an_approach_that_never_ends_is_refused() -> None:
     player = ReferencePlayer(slow(0.001), POSE)
-    path = joint_path([float(POSE[0]) + 0.1, float(POSE[1])], [0.7, -1.5])
-    with pytest.raises(ControlError, match=r"would take 188 s, expected at most 60 s"):
+    path = joint_path([float(POSE[0]) + 0.12, float(POSE[1])], [0.7, -1.5])
+    with pytest.raises(ControlError, match=r"would take 225 s, expected at most 60 s"):
         player.plan_path(path, 0.0, POSE)
 
 
