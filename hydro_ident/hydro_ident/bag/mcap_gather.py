@@ -56,22 +56,23 @@ class Gatherer:
     _bytes: int = 0
     _rows: int = 0
 
-    def add(self, data: bytes, bodies: list[int]) -> None:
-        """Take in a buffer.
+    def add(self, data: bytes, bodies: NDArray[np.int64]) -> None:
+        """Take in a buffer, or more of the messages of the last one.
 
         Parameters
         ----------
         data : bytes
-        bodies : list of int
+        bodies : (N,) int64 array
             Where bodies of message records begin in it, with a whole head before and
             `MESSAGE_HEAD` bytes behind; in order.
         """
-        if not bodies:
+        if not bodies.size:
             return
-        self._data.append(data)
-        self._bodies.append(np.array(bodies, dtype=np.int64) + self._bytes)
-        self._bytes += len(data)
-        self._rows += len(bodies)
+        if not self._data or self._data[-1] is not data:
+            self._data.append(data)
+            self._bytes += len(data)
+        self._bodies.append(bodies + (self._bytes - len(data)))
+        self._rows += bodies.size
 
     @property
     def full(self) -> bool:

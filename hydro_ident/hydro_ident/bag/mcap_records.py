@@ -18,9 +18,10 @@ from typing import IO
 from hydro_ident.bag import memory
 from hydro_ident.bag.chunks import ChunkError, declared_bytes, decompress_chunk
 from hydro_ident.bag.log_kinds import instead_of_bag
-from hydro_ident.bag.mcap_gather import BLOCK_BYTES, BLOCK_ROWS, MESSAGE_HEAD, Gatherer
+from hydro_ident.bag.mcap_gather import BLOCK_BYTES, BLOCK_ROWS, Gatherer
 from hydro_ident.bag.mcap_summary import counted_messages, summary_records
 from hydro_ident.bag.mcap_types import Channel, FileHealth, MessageBlock
+from hydro_ident.bag.record_walk import CHANNEL, MESSAGE, SCHEMA, RecordWalk
 from hydro_ident.errors import BagError
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -34,10 +35,7 @@ _LARGE_BYTES, _TIMES = 1 << 24, 4
 #: Text of schemas, channels and metadata that is kept of one file.
 _DESCRIBED_BYTES = 1 << 26
 
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
-METADATA, DATA_END = 0x0C, 0x0F
-#: What a chunk may hold.
-_IN_CHUNKS = frozenset({SCHEMA, CHANNEL, MESSAGE})
+HEADER, FOOTER, CHUNK, METADATA, DATA_END = 0x01, 0x02, 0x06, 0x0C, 0x0F
 
 _HEAD = struct.Struct("<BQ")
 _SHORT_PAIR = struct.Struct("<HH")
@@ -253,27 +251,15 @@ class McapFile:
 
     def _messages(self, data: bytes, *, truncated: bool = False) -> Iterator[MessageBlock]:
         """Find the messages of a buffer; they are handed on together with those of others."""
-        bodies: list[int] = []
-        at, end, head = 0, len(data), _HEAD.unpack_from
-        while at + 9 <= end:
-            opcode, length = head(data, at)
-            at += 9
-            if length > end - at or opcode not in _IN_CHUNKS:
-                break
-            if opcode != MESSAGE:
-                self._note(opcode, data[at : at + length])
-            elif length < MESSAGE_HEAD:
-                break
-            else:
-                bodies.append(at)
-                if len(bodies) == BLOCK_ROWS:
-                    self._gathered.add(data, bodies)
-                    yield from self._handed_on()
-                    bodies = []
-            at += length
-        if at != end and not truncated:
+        walk, rows = RecordWalk(data, self._note), 0
+        for bodies in walk.bodies(BLOCK_ROWS):
+            self._gathered.add(data, bodies)
+            rows += bodies.size
+            if rows == BLOCK_ROWS:
+                yield from self._handed_on()
+                rows = 0
+        if not walk.whole and not truncated:
             self.health.lose("a chunk ends inside a record: the rest of it left out")
-        self._gathered.add(data, bodies)
         if self._gathered.full:
             yield from self._handed_on()
 

@@ -45,7 +45,8 @@ MOMENTS = ("running", "roll-over", "closing")
 #: What such a result is of: what records, and what reads the bags that are left.
 SOURCES = (
     "chunks", "definitions", "described_chunks", "mcap_records", "mcap_summary", "metadata",
-    "publisher_numbers", "reader", "recorder", "recorder_topics", "signals", "writer",
+    "publisher_numbers", "reader", "record_walk", "recorder", "recorder_topics", "signals",
+    "writer",
 )  # fmt: skip
 _RECORDER = "import sys; from hydro_ident.bag.recorder import main; sys.exit(main())"
 _ROLLING = f"""
