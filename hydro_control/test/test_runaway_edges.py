@@ -116,6 +116,13 @@ def test_a_tenth_of_the_range_beyond_is_the_farthest_that_is_driven_back(sign: f
 
 
 @ENDS
+def test_where_it_would_be_driven_back_from_the_margin_is_what_was_expected(sign: float) -> None:
+    said = judged(watch(), [MIDDLE, *[beyond(sign, 0.1)] * 3])
+    expected = f"expected {LIMITS.lower[0] - 0.035:.4f} to {LIMITS.upper[0] + 0.035:.4f}: latched"
+    assert expected in said[-1]
+
+
+@ENDS
 def test_a_machine_that_is_not_driven_may_stand_anywhere(sign: float) -> None:
     """Of three samples in a row that are believed the last of these is one."""
     one = watch()

@@ -271,10 +271,11 @@ def _runaway() -> Iterator[Harmless]:
         "runaway", f"{watch}.judge", judge, judge.replace("*", "/"),
         "the controller's core says what the word means",
     )  # fmt: skip
-    yield Harmless(
-        "runaway", f"{watch}._too_fast", 'return ""', "pass",
-        "None is as empty as the text: it is only asked whether there is anything",
-    )  # fmt: skip
+    for looking in ("_beyond", "_too_fast"):
+        yield Harmless(
+            "runaway", f"{watch}.{looking}", 'return ""', "pass",
+            "None is as empty as the text: it is only asked whether there is anything",
+        )  # fmt: skip
     fast = "if tip_speed > self._tip_fastest:"
     yield Harmless(
         "runaway", f"{watch}._too_fast", fast, fast.replace(">", ">="),
