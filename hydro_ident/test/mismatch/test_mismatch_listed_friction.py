@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -38,9 +39,9 @@ def test_what_is_listed_stands_as_a_bristle(bent: Residuals) -> None:
     assert force == pytest.approx(FORCE_N, rel=0.02)
     assert distance == pytest.approx(1.0e-4, rel=0.15)
     (note,) = bristle_notes(bent.training, bent.base)
-    assert note.startswith(
-        f"coulomb_friction of {LIFT}, which the robot file lists, bends over 0."
-    )
+    said = re.fullmatch(rf"coulomb_friction of {LIFT}, .*, bends over (\S+) mm before .* N", note)
+    assert said
+    assert float(said[1]) == pytest.approx(0.1, rel=0.15)
 
 
 def test_no_other_friction_is_found_beside_it(bent: Residuals) -> None:

@@ -67,9 +67,10 @@ def bristle_notes(training: Training, whole: Fitted) -> list[str]:
             continue
         force, distance = bent.parameters
         units = bent.units
+        travel = f"{1e3 * distance:.2g} m{units[1]}"
         notes.append(
-            f"{DRY} of {target}, which the robot file lists, bends over {distance:.2g} {units[1]}"
-            f" before it slides: it stands in the model as {BRISTLE} of {force:.4g} {units[0]}"
+            f"{DRY} of {target}, which the robot file lists, bends over {travel} before it slides:"
+            f" it stands in the model as {BRISTLE} of {force:.4g} {units[0]}"
         )
     return notes
 
