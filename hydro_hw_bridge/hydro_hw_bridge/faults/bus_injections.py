@@ -260,8 +260,9 @@ def answers(source: random.Random, codec: Codec, at: int, kind: str = "") -> Inj
     kind = kind or source.choice(ANSWERS)
     cycles, amount = source.choice((1, 4, 20, 40)), source.randint(1, 7)
     if kind == "frozen":
-        # Of 20 that are the same again the amplifiers count six: nobody knows what they hold.
-        cycles = source.choice((1, 4, 40))
+        # Of 20 that are the same again the amplifiers count six: nobody knows what they hold. And
+        # the first of them is itself.
+        cycles = source.choice((4, 40))
     if kind == "late":
         cycles, amount = source.choice((4, 20, 40)), source.randint(1, 30)
     if kind == "bit_flip":
