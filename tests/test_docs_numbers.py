@@ -102,13 +102,12 @@ def test_the_table_of_soaks_is_the_committed_results() -> None:
 @pytest.mark.parametrize("page", ["CHANGELOG.md", "hydro_msgs_docs/intervals.md"])
 def test_what_is_said_of_the_memory_of_identify_is_what_was_measured(page: str) -> None:
     rows = json.loads((RESULTS / "growth.json").read_text(encoding="utf-8"))
-    job = "identify, a bag of 1 to 10 minutes: exponent of peak memory"
+    job = "identify, a bag of 10 to 100 minutes: exponent of peak memory"
     [exponent] = [row["ours"] for row in rows if row["job"] == job]
     text = " ".join((ROOT / page).read_text(encoding="utf-8").split())
     assert f"{10.0**exponent - 1.0:.0%}".replace("%", " %") in text
     if "exponent" in text:
         assert f"exponent {exponent:.3f}," in text
-    assert re.search(r"longer (was|bags were) not run", text, re.I)
 
 
 @pytest.mark.parametrize("page", ["README.md", "hydro_msgs_docs/demo.md"])
