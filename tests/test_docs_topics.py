@@ -276,7 +276,7 @@ def test_parameters_of_the_other_nodes_are_those_of_the_code(module: str, parame
     rows = declared.items() if isinstance(declared, dict) else declared
     text = (DOCS / "parameters.md").read_text(encoding="utf-8")
     heading = {"identification_node": "identification_node", "visual_node": "visual_joints"}
-    section = text.split(f"## `{heading[module.split('.')[1]]}`")[1].split("\n## ")[0]
+    section = text.split(f"## `{heading[module.split('.')[-1]]}`")[1].split("\n## ")[0]
     told = re.findall(r"^\| `(\w+)` \| [\w ]+ \| (.*) \| (.*) \|$", section, re.M)
     expected = [
         (row[0], f"`{row[2]}`" if len(row) > 2 and row[2] is not None else "(needed)", row[1])

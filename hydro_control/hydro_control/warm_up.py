@@ -7,7 +7,7 @@ import numpy as np
 from hydro_control.errors import ControlError
 from hydro_control.law import ControlLaw
 from hydro_control.required_motion import Reference
-from hydro_model.kinematics import tip_position
+from hydro_model.kinematics import TipPlace, tip_position
 
 
 def warm_up(law: ControlLaw) -> None:
@@ -29,6 +29,8 @@ def warm_up(law: ControlLaw) -> None:
     pressures = np.full(len(robot.cylinders), half)
     supply = robot.supply_pressure_pa, robot.tank_pressure_pa
     tip = tip_position(robot, middle)
+    # The watch of measured motion calls the kernel itself.
+    TipPlace(robot).at(middle)
     for reference in (
         Reference("joint", middle, np.zeros(robot.dof), np.zeros(robot.dof)),
         Reference("tip", tip, np.zeros(3), np.zeros(3)),

@@ -40,7 +40,7 @@ def late(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
     """Spools as listed, and the tilt's commands 5 ms later than the lift's."""
     true_crane, simulated_run = make_run
     truth = replace(true_crane(), command_delay_s=OWN_S, effects=(*LISTED, LATE))
-    return lay_out(simulated_run(truth, 20.0), listed=LISTED)
+    return lay_out(simulated_run(truth, 12.0), listed=LISTED)
 
 
 @pytest.fixture(scope="module")
