@@ -1,15 +1,18 @@
 #!/usr/bin/env bash
-# Runs every test: linters, types, then pytest over all packages (arguments go to pytest).
-#   scripts/test.sh                 everything, in one process more than there are cores (at most 4)
+# Runs linters, types, then pytest over all packages (arguments go to pytest).
+#   scripts/test.sh                 in one process more than there are cores (at most 4)
+#   scripts/test.sh --all           with the thorough tests: a third longer, for before a release
 #   scripts/test.sh -m 'not ros'    without the tests that start ROS processes
 #   scripts/test.sh -n 0 FILE       in one process, whose output is seen (-s) and debugged (--pdb)
 set -euo pipefail
 shopt -s inherit_errexit
 
-case ${1:-} in -h|--help) sed -n '2,5s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 0 ;; esac
+case ${1:-} in -h|--help) sed -n '2,6s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 0 ;; esac
 # shellcheck source=scripts/env.sh
 source "$(dirname "${BASH_SOURCE[0]}")/env.sh"
 cd "$hydro_root"
+# A -m of one's own comes after it, and pytest takes the last.
+if [[ ${1:-} == --all ]]; then shift; else set -- -m 'not thorough' "$@"; fi
 
 packages=(ros2_ws/src/hydro_model/hydro_model hydro_msgs_docs/hydro_msgs_docs
   hydro_hw_bridge/hydro_hw_bridge hydro_control/hydro_control hydro_ident/hydro_ident)

@@ -51,9 +51,11 @@ def test_the_references_are_worth_comparing_with() -> None:
         assert np.all(np.ptp(volts, axis=0) > 0.5)
     adapted = np.array([row["estimates"] for row in control["adapting"]["answers"]])
     assert np.all(np.ptp(adapted, axis=0) > 0.0)
-    # The rig's realistic machine has friction and dead zones, and no effect more.
-    assert diagnosis["verdict"] in ("explained", "partly_explained")
-    assert {"lift/force", "tilt/force"} <= {one["channel"] for one in diagnosis["findings"]}
+    assert diagnosis["verdict"] == "explained"
+    found = {one["channel"]: one["names"] for one in diagnosis["findings"]}
+    assert set(found) == {"tilt/force", "lift/flow_a"}
+    assert "coulomb_friction" in found["tilt/force"]
+    assert found["lift/flow_a"] == ["valve_deadband"]
 
 
 def test_the_control_bag_comes_from_its_seed(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from hydro_ident.study.gain_choice import exact_model
 from hydro_model.robot_files import load_robot
 
 
+@pytest.mark.thorough
 def test_adaptation_finds_the_payload_and_lowers_the_error() -> None:
     robot = load_robot("xs031")
     truth = random_truth(robot, 101)

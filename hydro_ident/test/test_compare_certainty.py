@@ -143,6 +143,7 @@ def _compared(old: Identification, new: Identification) -> Comparison:
     return compare(old.robot, new.robot, new.parameters, "old", Sides(*sides))
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("clarabel")
 def test_left_out_physics_raises_no_alarm_and_hides_no_payload(
     machine: Callable[..., Identification], write_bag: Callable[..., Path], robot: Robot

@@ -35,6 +35,7 @@ def diagnosed(make_run: tuple[Callable[..., Any], Callable[..., Any]]) -> Diagno
     return run
 
 
+@pytest.mark.thorough
 def test_spools_that_all_lag_are_no_delay_of_the_commands(diagnosed: Diagnosed) -> None:
     """One delay of all commands explains more than the lag of either spool."""
     lag = {"frequency": 15.0, "damping": 0.8}
@@ -92,6 +93,7 @@ def test_a_ground_is_one_finding_at_all_joints(diagnosed: Diagnosed) -> None:
     )
 
 
+@pytest.mark.thorough
 def test_a_ground_that_takes_up_energy_is_no_friction(diagnosed: Diagnosed) -> None:
     """Pressed in as bodies are; the law looks at the tip's rate, to which both joints add."""
     ground = {"stiffness": 6.0e3, "height": -1.4, "exponent": 1.5, "damping": 0.8}
@@ -110,6 +112,7 @@ def _told_as_ground(found: Any, exponent: float, damping: float) -> None:
     assert drag == pytest.approx(damping, rel=0.1, abs=0.01)
 
 
+@pytest.mark.thorough
 def test_what_a_joint_runs_against_is_a_contact_at_it(
     diagnosed: Diagnosed, crane_run: Any
 ) -> None:
@@ -126,6 +129,7 @@ def test_what_a_joint_runs_against_is_a_contact_at_it(
     assert drag == pytest.approx(0.0, abs=0.01)
 
 
+@pytest.mark.thorough
 def test_a_back_pressure_behind_the_transducer_is_told(
     make_run: tuple[Callable[..., Any], Callable[..., Any]],
 ) -> None:
@@ -142,6 +146,7 @@ def test_a_back_pressure_behind_the_transducer_is_told(
     assert finding.named.term.parameters[0] == pytest.approx(3e11, rel=0.15)
 
 
+@pytest.mark.thorough
 def test_a_back_pressure_is_told_with_the_flow_that_it_leaves(diagnosed: Diagnosed) -> None:
     """Flows at the undisturbed rail are too large, and the resistance comes out too small."""
     rail = {"resistance": 3e11, "time_constant": 0.03}
@@ -150,6 +155,7 @@ def test_a_back_pressure_is_told_with_the_flow_that_it_leaves(diagnosed: Diagnos
     assert found.findings[0].named.term.parameters[0] == pytest.approx(3e11, rel=0.03)
 
 
+@pytest.mark.thorough
 def test_oil_is_warm_when_the_machine_is_recorded_again(
     make_run: tuple[Callable[..., Any], Callable[..., Any]],
 ) -> None:
@@ -171,6 +177,7 @@ def test_oil_is_warm_when_the_machine_is_recorded_again(
     assert left < 1.5 * lift.noise_floor
 
 
+@pytest.mark.thorough
 def test_oil_that_thins_out_is_told_by_its_temperature(
     make_run: tuple[Callable[..., Any], Callable[..., Any]],
 ) -> None:
@@ -199,6 +206,7 @@ def test_oil_that_thins_out_is_told_by_its_temperature(
     assert (b, halving) == (pytest.approx(expected, rel=0.05), pytest.approx(17.5, rel=0.05))
 
 
+@pytest.mark.thorough
 def test_transducers_that_wander_slowly_and_read_late_are_no_finding(
     make_run: tuple[Callable[..., Any], Callable[..., Any]],
 ) -> None:
@@ -225,6 +233,7 @@ def test_transducers_that_wander_slowly_and_read_late_are_no_finding(
     assert (found.findings, found.unexplained) == ((), ())
 
 
+@pytest.mark.thorough
 def test_laws_of_edges_in_their_other_forms(diagnosed: Diagnosed) -> None:
     """A valve that holds its drop both ways, and one whose rounded edges overlap at null alone."""
     both = {"share": 0.9, "margin": 1.5e6, "outflow": 0.8}
@@ -244,6 +253,7 @@ def test_laws_of_edges_in_their_other_forms(diagnosed: Diagnosed) -> None:
     assert shift < 0.2
 
 
+@pytest.mark.thorough
 def test_a_spool_of_a_few_hertz_lags(diagnosed: Diagnosed) -> None:
     slow = {"frequency": 2.5, "damping": 0.8}
     found = diagnosed(EffectSpec("valve_spool_lag", "tilt_valve", slow))

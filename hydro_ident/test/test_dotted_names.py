@@ -85,6 +85,7 @@ def coloured(out: Path) -> int:
     return (out / "report.html").read_text().count('<span class="dot"')
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("clarabel", "plotly")
 def test_an_identification_is_that_of_the_same_machine(
     run: Any, write_bag: Any, tmp_path: Path
@@ -101,6 +102,7 @@ def test_an_identification_is_that_of_the_same_machine(
     assert load_robot(out / "model.yaml").joint_names == ("front.lift", "front.tilt")
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("plotly")
 def test_a_diagnosis_is_that_of_the_same_machine(run: Any, write_bag: Any, tmp_path: Path) -> None:
     (plain, plain_out), (other, out) = results(diagnose, run, write_bag, tmp_path)

@@ -142,6 +142,7 @@ def test_validation_is_a_different_motion(folder: Path) -> None:
         assert abs(np.corrcoef(one[:, joint], two[:, joint])[0, 1]) < 0.7
 
 
+@pytest.mark.thorough
 def test_a_start_of_ones_own_and_the_same_design_every_time(
     listing: Design, tmp_path: Path
 ) -> None:
@@ -250,6 +251,7 @@ def test_a_weak_valve_slows_the_motion(robot: Robot, folder: Path, tmp_path: Pat
     assert np.all(small.check.flow_share <= LIMITS.flow)
 
 
+@pytest.mark.thorough
 def test_a_path_that_peaks_between_samples_is_made_to_less(
     robot: Robot, listing: Design, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -26,6 +26,7 @@ def motion(robot: Robot) -> DesignedMotion:
     return DesignedMotion.of(robot, 30.0)
 
 
+@pytest.mark.thorough
 def test_intervals_cover_what_they_say(motion: DesignedMotion) -> None:
     """40 recordings of AR(0.98); of 14 parameters one falls below the least once in 140."""
     found = force_coverage(motion, "row", 40, seed=3)
@@ -34,6 +35,7 @@ def test_intervals_cover_what_they_say(motion: DesignedMotion) -> None:
     assert np.mean([c.iid for c in found]) < 0.75
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("estimator", "kind"), [("robust", "sample"), ("iv", "row")])
 def test_intervals_of_the_other_estimators_cover(
     motion: DesignedMotion, estimator: Estimator, kind: str
@@ -44,6 +46,7 @@ def test_intervals_of_the_other_estimators_cover(
     assert np.mean([c.covered for c in found]) > 0.92
 
 
+@pytest.mark.thorough
 def test_intervals_of_the_hydraulics_cover_what_they_say(robot: Robot) -> None:
     found = flow_coverage(robot, 30.0, "row", 15, seed=3)
     assert min(c.covered for c in found) >= _least(15)

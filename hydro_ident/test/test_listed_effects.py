@@ -118,6 +118,7 @@ def _edges(robot: Robot, given: Robot, traces: tuple[Trace, ...]) -> np.ndarray:
     ])  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_edges_are_not_what_listed_rails_take(make_run: MakeRun) -> None:
     """Nobody recorded the rails: edges that took the droop up would have it twice in a model."""
     true_crane, simulated_run = make_run

@@ -218,6 +218,7 @@ def test_an_empty_bag_is_refused(tmp_path: Path, robot: Robot) -> None:
         list(stream_recordings(tmp_path / "empty", robot))
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("clarabel")
 def test_a_cluster_gives_the_same_numbers(robot: Robot, tmp_path: Path) -> None:
     """Each worker takes a recording as a whole, however long it is."""

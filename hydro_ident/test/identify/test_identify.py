@@ -82,6 +82,7 @@ def test_an_effect_of_the_whole_robot_stays_where_it_was_not_fitted(robot: Robot
     assert len(_effects(robot, alone, fitted)) == 1
 
 
+@pytest.mark.thorough
 def test_a_slow_recording_is_looked_at_slowly_and_said(clean: Any) -> None:
     """25 Hz are beyond what 50 samples a second tell; flows need no filter at all."""
     slow = clean.recording()

@@ -68,6 +68,7 @@ def test_lost_valve_messages_are_left_out_at_either_delay(late: Any) -> None:
         assert channel.summary()["fit_after_pct"] > 90.0  # type: ignore[operator]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("estimator", ["wls", "robust"])
 def test_recordings_of_different_rates_have_one_delay(late: Any, estimator: Any) -> None:
     both = [_sampled(late, every, f"every {every}") for every in (2, 1)]

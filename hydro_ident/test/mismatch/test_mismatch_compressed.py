@@ -22,6 +22,7 @@ from hydro_model.robot import EffectSpec, Robot
 Make = tuple[Callable[..., Robot], Callable[..., object]]
 
 
+@pytest.mark.thorough
 def test_twelve_millilitres_are_found(make_run: Make, lay_out: Callable[..., Residuals]) -> None:
     """Less than 0.025 % of the flow, which is what a balance is good for where edges err."""
     true_crane, simulated_run = make_run

@@ -123,6 +123,7 @@ def test_what_another_motion_knows_better_is_noted(
         assert all("diagnose the other way round" in note for note in notes)
 
 
+@pytest.mark.thorough
 def test_what_dry_friction_holds_at_rest_leaves_no_doubt(
     make_run: tuple[Callable[..., Any], Callable[..., Any]], robot: Robot
 ) -> None:

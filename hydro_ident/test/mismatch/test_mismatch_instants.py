@@ -253,6 +253,7 @@ def test_a_base_has_it_when_the_model_has(loaded: Residuals, whole: Fitted) -> N
     assert same == (base, whole.model)
 
 
+@pytest.mark.thorough
 def test_a_load_of_the_robot_file_is_the_other_recordings_own(
     make_run: tuple[Callable[..., Robot], Callable[..., Any]],
 ) -> None:

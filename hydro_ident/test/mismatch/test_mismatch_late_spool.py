@@ -51,6 +51,7 @@ def slow(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
     return lay_out(simulated_run(truth, 20.0), listed=LISTED)
 
 
+@pytest.mark.thorough
 def test_a_delay_that_the_listed_spool_had_taken_up_is_named(late: Residuals) -> None:
     assert not any("tilt_cylinder" in kept for kept in late.training.as_listed)
     answer = answered(late, base_to_search(late))
@@ -60,6 +61,7 @@ def test_a_delay_that_the_listed_spool_had_taken_up_is_named(late: Residuals) ->
     assert list(_tilt_spool(answer.whole).parameters) == [75.0, 0.9]
 
 
+@pytest.mark.thorough
 def test_a_spool_that_is_slower_than_listed_stays_one(slow: Residuals) -> None:
     """A number that is far from the file's is no finding, and no delay is told for it."""
     answer = answered(slow, base_to_search(slow))

@@ -138,6 +138,7 @@ def test_rows_to_verify_on_know_what_the_fitted_ones_do(crane_run, lay_out: Any)
         assert ("lift/flow_a" in work.check.predictor.material.channels) is own
 
 
+@pytest.mark.thorough
 def test_what_one_pressure_tells_is_found(
     make_run: tuple[Callable[..., Robot], Callable[..., Any]],
 ) -> None:

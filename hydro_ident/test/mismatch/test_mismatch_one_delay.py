@@ -93,6 +93,7 @@ def test_nor_need_the_lags_be_of_one_name(late: Residuals) -> None:
     assert contest.held_out(after) < contest.held_out(whole)
 
 
+@pytest.mark.thorough
 def test_a_delay_that_was_refused_does_not_come_back_in_the_place_of_lags(
     late: Residuals,
 ) -> None:
@@ -155,6 +156,7 @@ def test_an_effect_of_one_joint_is_not_the_whole_robots(
     assert list(each.named) == [found]
 
 
+@pytest.mark.thorough
 def test_a_delay_shows_at_every_valve_though_they_differ(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:

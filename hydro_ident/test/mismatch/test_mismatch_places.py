@@ -217,6 +217,7 @@ def test_five_stations_lie_along_all_that_was_visited_or_half_of_it() -> None:
     np.testing.assert_allclose(stations(0.2, 0.6), expected)
 
 
+@pytest.mark.thorough
 def test_a_hump_that_is_narrower_than_stations_lie_apart_is_found_where_it_is(
     make_run: tuple, lay_out: Callable[..., Residuals]
 ) -> None:

@@ -76,6 +76,7 @@ def test_a_knee_is_found_where_it_is(bent: Residuals) -> None:
     assert knee == pytest.approx(0.06, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_what_is_next_to_all_that_is_left_is_no_flaw_of_the_valves_form(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:
@@ -89,6 +90,7 @@ def test_what_is_next_to_all_that_is_left_is_no_flaw_of_the_valves_form(
     assert found[1].term.parameters[0] == pytest.approx(3e-4, rel=0.05)
 
 
+@pytest.mark.thorough
 def test_nothing_of_a_null_biass_form_is_left_to_look_like_air(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from hydro_control.core import ControllerCore
 from hydro_control.gains import Gains
 from hydro_hw_bridge.rig.core import RigCore
+from hydro_hw_bridge.rig.truth import Truth
 from hydro_hw_bridge.rig.truth_files import load_truth
 from hydro_ident.study.closed_loop import Run, run_closed_loop
 from hydro_ident.study.machine_bags import write_bag
@@ -26,6 +27,11 @@ PATH = TipPath.through([START_TIP_M, [2.3, 0.0, -1.1]], [1.0])
 DELAY_S, CONTROL_S = 0.2, 1.5
 #: The diagnosis' bag: so long, every so many cycles, from pose to pose in so long.
 DIAGNOSIS_S, EVERY, LEG_S = 20.0, 5, 1.2
+#: What of a cylinder's truth is its friction.
+_FRICTION = (
+    *("viscous_friction", "coulomb_friction_n", "static_friction_n", "stribeck_velocity_m_s"),
+    *("bristle_deflection_m", "bristle_damping"),
+)
 #: Share of the joints' ranges that is driven.
 _USED = 0.5
 _PEAK, _FASTEST_RAD_S = 1.875, 0.5
@@ -40,7 +46,8 @@ def make_bags(folder: Path) -> None:
         Of the golden files.
     """
     make_control_bag(folder / CONTROL_BAG)
-    run = _driven(wandering(np.random.default_rng(SEED)), 0.0, DIAGNOSIS_S)
+    path = wandering(np.random.default_rng(SEED))
+    run = _driven(path, 0.0, DIAGNOSIS_S, with_two_effects(load_truth(TRUTH, load_robot(ROBOT))))
     seldom = {field.name: getattr(run, field.name)[::EVERY] for field in fields(run)}
     _write(folder / DIAGNOSIS_BAG, replace(run, **seldom))
 
@@ -52,12 +59,38 @@ def make_control_bag(bag: Path) -> None:
     ----------
     bag : Path
     """
-    _write(bag, _driven(PATH, DELAY_S, CONTROL_S))
+    _write(bag, _driven(PATH, DELAY_S, CONTROL_S, load_truth(TRUTH, load_robot(ROBOT))))
 
 
-def _driven(path: TipPath | JointPath, delay_s: float, duration_s: float) -> Run:
+def with_two_effects(truth: Truth) -> Truth:
+    """A machine whose last cylinder rubs and whose first valve overlaps, and nothing else.
+
+    Its links, delay and sensors are another's. All that a machine may have takes minutes.
+
+    Parameters
+    ----------
+    truth : Truth
+        The other, with dry friction and overlap.
+    """
+    plain = load_truth("ideal", load_robot(ROBOT))
+    rubbing = {name: getattr(truth.cylinders[-1], name) for name in _FRICTION}
+    overlap, rounding = truth.valves[0].deadband, truth.valves[0].deadband_rounding
+    return replace(
+        plain,
+        links=truth.links,
+        sensors=truth.sensors,
+        command_delay_cycles=truth.command_delay_cycles,
+        cylinders=(*plain.cylinders[:-1], replace(plain.cylinders[-1], **rubbing)),
+        valves=(
+            replace(plain.valves[0], deadband=overlap, deadband_rounding=rounding),
+            *plain.valves[1:],
+        ),
+    )
+
+
+def _driven(path: TipPath | JointPath, delay_s: float, duration_s: float, truth: Truth) -> Run:
     robot = load_robot(ROBOT)
-    rig = RigCore(robot, load_truth(TRUTH, robot), seed=SEED, tip_m=START_TIP_M)
+    rig = RigCore(robot, truth, seed=SEED, tip_m=START_TIP_M)
     core = ControllerCore(robot, Gains(), path, start_delay_s=delay_s)
     return run_closed_loop(rig, core, duration_s)
 

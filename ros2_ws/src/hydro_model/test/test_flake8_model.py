@@ -10,6 +10,7 @@ PACKAGE = Path(__file__).resolve().parents[1]
 SETTINGS = PACKAGE.parents[2] / ".flake8"
 
 
+@pytest.mark.thorough
 def test_ament_flake8_finds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     linter = pytest.importorskip("ament_flake8.main", reason="ament_flake8 is not installed")
     # As `colcon test` does: below the root there is .venv, whose hundreds of folders that begin
