@@ -24,9 +24,9 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "controller = hydro_control.node:main",
-            "lifecycle = hydro_control.lifecycle_command:main",
-            "send_path = hydro_control.send_path:main",
+            "controller = hydro_control.node.node:main",
+            "lifecycle = hydro_control.node.lifecycle_command:main",
+            "send_path = hydro_control.node.send_path:main",
         ]
     },
 )

@@ -24,13 +24,13 @@ setup(
     license="Apache-2.0",
     entry_points={
         "can.interface": [
-            "simulated_faults = hydro_hw_bridge.simulated_faults:SimulatedFaultsBus",
+            "simulated_faults = hydro_hw_bridge.bus.simulated_faults:SimulatedFaultsBus",
         ],
         "console_scripts": [
-            "can_bridge = hydro_hw_bridge.bridge_node:main",
+            "can_bridge = hydro_hw_bridge.node.bridge_node:main",
             "sim_rig = hydro_hw_bridge.rig.command:main",
-            "calibrate = hydro_hw_bridge.calibrate:main",
-            "new_bus = hydro_hw_bridge.new_bus:main",
+            "calibrate = hydro_hw_bridge.commissioning.calibrate:main",
+            "new_bus = hydro_hw_bridge.commissioning.new_bus:main",
         ],
     },
 )

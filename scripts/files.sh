@@ -10,7 +10,7 @@ print(shipped_gains(*sys.argv[1:]))' "$@"
 # default_mapping ROBOT: the bus mapping shipped for a robot; nothing where there is none.
 default_mapping() {
   python -c 'import sys
-from hydro_hw_bridge.codec import default_mapping
+from hydro_hw_bridge.protocol.codec import default_mapping
 from hydro_hw_bridge.errors import BridgeError
 from hydro_model.robot_files import load_robot
 try:
@@ -55,7 +55,7 @@ from hydro_model.command import run_command
 
 def check(arguments):
     package, file, *given = arguments
-    import_module(f"{package}.parameter_file").check_parameter_file(Path(file), given)
+    import_module(f"{package}.node.parameter_file").check_parameter_file(Path(file), given)
     return 0
 
 sys.exit(run_command("bringup", check))' "$@"

@@ -9,7 +9,7 @@ import sys
 
 import numpy as np
 
-from hydro_control.core import ControllerCore
+from hydro_control.core.core import ControllerCore
 from hydro_control.gains import Gains
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.random_truth import plain_truth

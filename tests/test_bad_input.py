@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from hydro_control import parameters as controller_parameters
-from hydro_hw_bridge import parameters as bridge_parameters
+from hydro_control.node import parameters as controller_parameters
+from hydro_hw_bridge.node import parameters as bridge_parameters
 from hydro_model.robot_files import shipped_robots
 
 ROOT = Path(__file__).parents[1]

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import yaml
 
-from hydro_control.parameter_file import check_parameter_file as check_controller_file
-from hydro_hw_bridge.parameter_file import check_parameter_file
-from hydro_hw_bridge.parameters import PARAMETERS
+from hydro_control.node.parameter_file import check_parameter_file as check_controller_file
+from hydro_hw_bridge.node.parameter_file import check_parameter_file
+from hydro_hw_bridge.node.parameters import PARAMETERS
 from hydro_ident.robots.robot_check import check_robot
 from hydro_model.effects import resolve
 from hydro_model.paths import load_path

@@ -216,7 +216,7 @@ def test_bus_page_has_the_frames_of_the_dbc() -> None:
 
 
 def test_bus_page_states_the_load_that_the_bridge_prints() -> None:
-    from hydro_hw_bridge.codec import Codec
+    from hydro_hw_bridge.protocol.codec import Codec
     from hydro_model.robot_files import load_robot
 
     layout = Codec.load(None, None, load_robot("xs031")).layout
@@ -225,7 +225,7 @@ def test_bus_page_states_the_load_that_the_bridge_prints() -> None:
 
 
 def test_bus_page_names_every_key_of_a_mapping() -> None:
-    from hydro_hw_bridge.mapping import ROLES, STATUS_NAMES
+    from hydro_hw_bridge.protocol.mapping import ROLES, STATUS_NAMES
 
     text = (DOCS / "bus.md").read_text(encoding="utf-8")
     mapping = yaml.safe_load((DOCS / "can" / "xs031.mapping.yaml").read_text(encoding="utf-8"))
@@ -254,8 +254,8 @@ def test_method_page_has_the_base_parameters_of_the_reference_crane() -> None:
 @pytest.mark.parametrize(
     ("module", "function"),
     [
-        ("hydro_hw_bridge.parameters", "parameter_table"),
-        ("hydro_control.parameters", "markdown_table"),
+        ("hydro_hw_bridge.node.parameters", "parameter_table"),
+        ("hydro_control.node.parameters", "markdown_table"),
     ],
 )
 def test_parameter_tables_are_those_of_the_code(module: str, function: str) -> None:

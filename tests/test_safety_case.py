@@ -269,8 +269,8 @@ def test_a_run_is_of_whatever_runs_in_it() -> None:
     """The real controller's core answers every third injection: a run is of its law, too."""
     device, wall = digests(ROOT), digests(ROOT, wall=True)
     for path in (
-        "hydro_control/hydro_control/core.py",
-        "hydro_control/hydro_control/law_kernels.py",
+        "hydro_control/hydro_control/core/core.py",
+        "hydro_control/hydro_control/law/law_kernels.py",
         "hydro_msgs_docs/hydro_msgs_docs/topics.py",
         "ros2_ws/src/hydro_model/hydro_model/kinematics.py",
         "ros2_ws/src/hydro_model/hydro_model/valve.py",
@@ -289,11 +289,14 @@ def test_a_run_is_of_whatever_runs_in_it() -> None:
 
 def test_changed_sources_are_told_by_folder_and_not_where_none_had_a_digest() -> None:
     paths = [f"hydro_hw_bridge/hydro_hw_bridge/part{k:02d}.py" for k in range(21)]
-    paths += ["hydro_control/hydro_control/core.py", "ros2_ws/src/hydro_model/hydro_model/urdf.py"]
+    paths += [
+        "hydro_control/hydro_control/core/core.py",
+        "ros2_ws/src/hydro_model/hydro_model/urdf.py",
+    ]
     wall = committed()["wall_time"] | {"changed_since": paths}
     wall["sources"] = {paths[0]: "", paths[-2]: ""}
     text = told({"wall_time": wall})
-    assert "Changed since that run: of `hydro_control` `core.py`; 21 sources of" in text
+    assert "Changed since that run: of `hydro_control/core` `core.py`; 21 sources of" in text
     assert "no digests of `hydro_model`: whether these changed since is not known" in text
 
 

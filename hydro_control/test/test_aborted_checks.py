@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_control.core import ControllerCore, Sample
+from hydro_control.core.core import ControllerCore, Sample
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
-from hydro_control.trajectory import Waypoint
-from hydro_control.trajectory_intake import TrajectoryIntake
+from hydro_control.motion.trajectory import Waypoint
+from hydro_control.node.trajectory_intake import TrajectoryIntake
 from hydro_model import paths_check
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_control.adaptation import Adaptation
-from hydro_control.adaptation_model import unit_payload
-from hydro_control.adaptation_settings import KINDS, AdaptationSettings, kinds_of
-from hydro_control.bounded_estimator import BoundedEstimator, Prior
-from hydro_control.core import ControllerCore, Sample
+from hydro_control.adaptation.adaptation import Adaptation
+from hydro_control.adaptation.adaptation_model import unit_payload
+from hydro_control.adaptation.adaptation_settings import KINDS, AdaptationSettings, kinds_of
+from hydro_control.adaptation.bounded_estimator import BoundedEstimator, Prior
+from hydro_control.core.core import ControllerCore, Sample
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
-from hydro_control.law import ControlLaw
-from hydro_control.required_motion import Reference
+from hydro_control.law.law import ControlLaw
+from hydro_control.motion.required_motion import Reference
 from hydro_model.cylinder import lever, stroke
 from hydro_model.kinematics import tip_jacobian, tip_jacobian_rate
 from hydro_model.rigid_body import inverse_dynamics

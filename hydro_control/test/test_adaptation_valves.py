@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_control.adaptation import Adaptation
-from hydro_control.adaptation_settings import AdaptationSettings
-from hydro_control.compensation_plan import plan
+from hydro_control.adaptation.adaptation import Adaptation
+from hydro_control.adaptation.adaptation_settings import AdaptationSettings
+from hydro_control.compensation.compensation_plan import plan
 from hydro_model.cylinder import lever, stroke
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import Cylinder, EffectSpec, FloatArray, Valve

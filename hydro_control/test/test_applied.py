@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hydro_control.adaptation_settings import AdaptationSettings
-from hydro_control.applied import MOST_WITHHELD, AppliedWatch
-from hydro_control.core import Answer, ControllerCore, Sample
+from hydro_control.adaptation.adaptation_settings import AdaptationSettings
+from hydro_control.core.core import Answer, ControllerCore, Sample
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
-from hydro_control.trajectory import Waypoint
+from hydro_control.monitoring.applied import MOST_WITHHELD, AppliedWatch
+from hydro_control.motion.trajectory import Waypoint
 from hydro_model.paths import JointPath
 from hydro_model.paths_segments import Quintic
 from hydro_model.robot import FloatArray

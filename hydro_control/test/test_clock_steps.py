@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hydro_control.answer import Answer
-from hydro_control.asking import MOST_AHEAD_S
-from hydro_control.core import ControllerCore, Sample
+from hydro_control.core.answer import Answer
+from hydro_control.core.core import ControllerCore, Sample
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
-from hydro_control.stamps import LONGEST_GAP_S
-from hydro_control.trajectory import Waypoint
-from hydro_hw_bridge.sample_clock import SampleClock
+from hydro_control.monitoring.stamps import LONGEST_GAP_S
+from hydro_control.motion.asking import MOST_AHEAD_S
+from hydro_control.motion.trajectory import Waypoint
+from hydro_hw_bridge.protocol.sample_clock import SampleClock
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath
 from hydro_model.paths_segments import Quintic

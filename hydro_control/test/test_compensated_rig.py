@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from hydro_control.core import ControllerCore, Sample
+from hydro_control.core.core import ControllerCore, Sample
 from hydro_control.gains import Gains
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.random_truth import random_truth

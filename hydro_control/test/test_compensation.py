@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_control.adaptation import Adaptation
-from hydro_control.adaptation_settings import KINDS, AdaptationSettings
-from hydro_control.axes import axes_of
-from hydro_control.compensation import SMALLEST_SCALE_M_S, Compensation, Motion
-from hydro_control.compensation_plan import NOT_COMPENSATED, plan
-from hydro_control.core import ControllerCore, Sample
+from hydro_control.adaptation.adaptation import Adaptation
+from hydro_control.adaptation.adaptation_settings import KINDS, AdaptationSettings
+from hydro_control.compensation.compensation import SMALLEST_SCALE_M_S, Compensation, Motion
+from hydro_control.compensation.compensation_plan import NOT_COMPENSATED, plan
+from hydro_control.core.core import ControllerCore, Sample
 from hydro_control.gains import Gains
-from hydro_control.law import ControlLaw, Output
-from hydro_control.required_motion import Reference
-from hydro_control.sensor_correction import SensorCorrection
+from hydro_control.law.law import ControlLaw, Output
+from hydro_control.motion.required_motion import Reference
+from hydro_control.state.axes import axes_of
+from hydro_control.state.sensor_correction import SensorCorrection
 from hydro_model.cylinder import lever, stroke
 from hydro_model.effects import CATALOGUE, Readings, read_with, resolve
 from hydro_model.effects.targets import targets

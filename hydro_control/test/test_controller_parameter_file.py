@@ -8,7 +8,7 @@ import pytest
 
 from hydro_control.errors import ControlError
 from hydro_control.gains import shipped_gains
-from hydro_control.parameter_file import check_parameter_file
+from hydro_control.node.parameter_file import check_parameter_file
 
 ALL, OWN = "/**: {ros__parameters: {k_v: 1.0}}\n", "controller: {ros__parameters: {robot: emps}}\n"
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_control.core import Answer, ControllerCore, Sample
+from hydro_control.core.core import Answer, ControllerCore, Sample
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
-from hydro_control.trajectory import Waypoint
+from hydro_control.motion.trajectory import Waypoint
 from hydro_model.cylinder import lever, stroke
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_position

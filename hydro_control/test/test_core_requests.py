@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_control import reference
-from hydro_control.core import Answer, ControllerCore, Sample
+from hydro_control.core.core import Answer, ControllerCore, Sample
 from hydro_control.errors import ControlError
-from hydro_control.following_error import FollowingLimits
 from hydro_control.gains import Gains
-from hydro_control.path_limits import same_start, start_of_path
-from hydro_control.reference import ReferencePlayer
-from hydro_control.trajectory import Waypoint
+from hydro_control.monitoring.following_error import FollowingLimits
+from hydro_control.motion import reference
+from hydro_control.motion.path_limits import same_start, start_of_path
+from hydro_control.motion.reference import ReferencePlayer
+from hydro_control.motion.trajectory import Waypoint
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, TipPath
@@ -100,7 +100,7 @@ def test_what_cannot_be_computed_is_refused_and_the_arm_is_held_on(
     def plan(*_: object) -> None:
         raise error("SVD did not converge")
 
-    monkeypatch.setattr("hydro_control.reference.segments_through", plan)
+    monkeypatch.setattr("hydro_control.motion.reference.segments_through", plan)
     with pytest.raises(ControlError, match=r"refused: it cannot be computed: '?SVD did not"):
         core.request_trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
     assert core.counts.refused == 1

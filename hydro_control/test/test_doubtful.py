@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from hydro_control.compensation_plan import plan
-from hydro_control.doubtful import doubt
+from hydro_control.compensation.compensation_plan import plan
+from hydro_control.compensation.doubtful import doubt
 from hydro_model.effects import CATALOGUE
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot

@@ -16,14 +16,14 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from hydro_control import motion_limits
-from hydro_control.core import ControllerCore, Sample
+from hydro_control.core.core import ControllerCore, Sample
 from hydro_control.errors import ControlError
-from hydro_control.following_error import FollowingLimits
 from hydro_control.gains import Gains
-from hydro_control.motion_limits import limits_of
-from hydro_control.required_motion import Reference
-from hydro_control.trajectory import Waypoint
+from hydro_control.monitoring.following_error import FollowingLimits
+from hydro_control.motion import motion_limits
+from hydro_control.motion.motion_limits import limits_of
+from hydro_control.motion.required_motion import Reference
+from hydro_control.motion.trajectory import Waypoint
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.payload import Payload
 from hydro_hw_bridge.rig.truth import Truth

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hydro_control.axes import axes_of
-from hydro_control.filters import Ewma, FilteredDifference, alpha_for, time_constant_s
 from hydro_control.gains import Gains
-from hydro_control.state import StateFilter
+from hydro_control.state.axes import axes_of
+from hydro_control.state.filters import Ewma, FilteredDifference, alpha_for, time_constant_s
+from hydro_control.state.state import StateFilter
 from hydro_model.robot_files import load_robot
 
 DT = 0.002

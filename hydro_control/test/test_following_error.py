@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_control.core import Answer, ControllerCore, Sample
+from hydro_control.core.core import Answer, ControllerCore, Sample
 from hydro_control.errors import ControlError
-from hydro_control.following_error import HEADWAY_SHARE, FollowingLimits, FollowingWatch
 from hydro_control.gains import Gains
-from hydro_control.trajectory import Waypoint
+from hydro_control.monitoring.following_error import HEADWAY_SHARE, FollowingLimits, FollowingWatch
+from hydro_control.motion.trajectory import Waypoint
 from hydro_model.robot import FloatArray
 from hydro_model.robot_files import load_robot
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from hydro_control.core import ControllerCore, Sample
-from hydro_control.following_error import FollowingLimits
+from hydro_control.core.core import ControllerCore, Sample
 from hydro_control.gains import Gains
-from hydro_control.trajectory import Waypoint
+from hydro_control.monitoring.following_error import FollowingLimits
+from hydro_control.motion.trajectory import Waypoint
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.extras import Extras, MachineExtras
 from hydro_hw_bridge.rig.payload import Payload

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import yaml
 
-from hydro_control.gain_checks import count_shares, gain_warnings
 from hydro_control.gains import Gains
+from hydro_control.law.gain_checks import count_shares, gain_warnings
 from hydro_model.rigid_body import mass_matrix, required_torque
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot

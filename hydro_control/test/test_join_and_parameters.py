@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import yaml
 
-from hydro_control import parameters
+from hydro_control.core.sample_join import SampleJoin
 from hydro_control.gains import Gains
-from hydro_control.sample_join import SampleJoin
+from hydro_control.node import parameters
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.messages import StampedVector
 

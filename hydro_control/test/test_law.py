@@ -9,8 +9,8 @@ import pytest
 
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
-from hydro_control.law import ControlLaw, Output
-from hydro_control.required_motion import Reference, damped_inverse, required_motion
+from hydro_control.law.law import ControlLaw, Output
+from hydro_control.motion.required_motion import Reference, damped_inverse, required_motion
 from hydro_model.cylinder import lever, stroke
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_jacobian, tip_jacobian_rate, tip_position

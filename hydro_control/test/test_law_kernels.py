@@ -9,29 +9,29 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_control import law_reference
-from hydro_control.axes import Axis, axes_of
 from hydro_control.gains import Gains
-from hydro_control.law import ControlLaw
-from hydro_control.law_arrays import law_arrays, law_work
-from hydro_control.law_kernels import (
+from hydro_control.law import law_reference
+from hydro_control.law.law import ControlLaw
+from hydro_control.law.law_arrays import law_arrays, law_work
+from hydro_control.law.law_kernels import (
     ROWS,
     Required,
     flow_kernel,
     required_kernel,
     voltage_kernel,
 )
-from hydro_control.motion_kernels import damped_inverse_kernel, limit_notes
-from hydro_control.motion_limits import MotionLimits, limits_of
-from hydro_control.oil_columns import OilColumns
-from hydro_control.required_motion import (
+from hydro_control.law.motion_kernels import damped_inverse_kernel, limit_notes
+from hydro_control.motion.motion_limits import MotionLimits, limits_of
+from hydro_control.motion.required_motion import (
     RANK_RATIO,
     JointMotion,
     Reference,
     damped_inverse,
     desired_at,
 )
-from hydro_control.state import State
+from hydro_control.state.axes import Axis, axes_of
+from hydro_control.state.oil_columns import OilColumns
+from hydro_control.state.state import State
 from hydro_model.kinematics import tip_position
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_control.axes import axes_of
-from hydro_control.compensation import Compensation, Motion
-from hydro_control.compensation_plan import NOT_COMPENSATED, plan
-from hydro_control.compensation_reference import ReadableCompensation
-from hydro_control.oil_columns import OilColumns
-from hydro_control.signal_inverse import REACH
+from hydro_control.compensation.compensation import Compensation, Motion
+from hydro_control.compensation.compensation_plan import NOT_COMPENSATED, plan
+from hydro_control.compensation.compensation_reference import ReadableCompensation
+from hydro_control.compensation.signal_inverse import REACH
+from hydro_control.state.axes import axes_of
+from hydro_control.state.oil_columns import OilColumns
 from hydro_model.effects import CATALOGUE
 from hydro_model.effects.targets import targets
 from hydro_model.robot import EffectSpec, FloatArray, Robot

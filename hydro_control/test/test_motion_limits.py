@@ -12,23 +12,29 @@ from itertools import product
 import numpy as np
 import pytest
 
-from hydro_control.axes import axes_of
-from hydro_control.braking import (
+from hydro_control.core.core import ControllerCore
+from hydro_control.errors import ControlError
+from hydro_control.gains import Gains
+from hydro_control.law.law import ControlLaw
+from hydro_control.law.law_arrays import SPEED, LawArrays, law_arrays, law_work
+from hydro_control.law.law_kernels import voltage_kernel
+from hydro_control.law.motion_kernels import limit_notes, motion_kernel
+from hydro_control.motion.braking import (
     BRAKING_PER_VELOCITY_1_S,
     DOWN,
     POINTS,
     UP,
     speed_before_end,
 )
-from hydro_control.core import ControllerCore
-from hydro_control.errors import ControlError
-from hydro_control.gains import Gains
-from hydro_control.law import ControlLaw
-from hydro_control.law_arrays import SPEED, LawArrays, law_arrays, law_work
-from hydro_control.law_kernels import voltage_kernel
-from hydro_control.motion_kernels import limit_notes, motion_kernel
-from hydro_control.motion_limits import MotionLimits, limited, limits_of, refuse_fast, relieved
-from hydro_control.required_motion import JointMotion, Reference, required_motion
+from hydro_control.motion.motion_limits import (
+    MotionLimits,
+    limited,
+    limits_of,
+    refuse_fast,
+    relieved,
+)
+from hydro_control.motion.required_motion import JointMotion, Reference, required_motion
+from hydro_control.state.axes import axes_of
 from hydro_model.cylinder import stroke
 from hydro_model.kinematics import tip_position, tip_state
 from hydro_model.paths import JointPath, TipPath

@@ -14,9 +14,9 @@ rclpy = pytest.importorskip("rclpy")
 from rclpy.lifecycle import TransitionCallbackReturn  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 
-from hydro_control import parameters  # noqa: E402
-from hydro_control.controller_node import ControllerNode  # noqa: E402
-from hydro_control.parameters import PARAMETERS, Value  # noqa: E402
+from hydro_control.node import parameters  # noqa: E402
+from hydro_control.node.controller_node import ControllerNode  # noqa: E402
+from hydro_control.node.parameters import PARAMETERS, Value  # noqa: E402
 
 pytestmark = pytest.mark.ros
 DOMAIN = 10 + (os.getpid() + 60) % 90

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_control.core import Answer, ControllerCore, Sample
+from hydro_control.core.core import Answer, ControllerCore, Sample
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
-from hydro_control.path_limits import refuse_beyond
-from hydro_control.posture import is_redundant, posture_at_tip
-from hydro_control.trajectory import Waypoint
+from hydro_control.motion.path_limits import refuse_beyond
+from hydro_control.motion.posture import is_redundant, posture_at_tip
+from hydro_control.motion.trajectory import Waypoint
 from hydro_model.cylinder import lever
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_jacobian, tip_position

@@ -8,11 +8,11 @@ from pathlib import Path as FilePath
 import numpy as np
 import pytest
 
-from hydro_control.approach import approach_to
 from hydro_control.errors import ControlError
-from hydro_control.motion_limits import refuse_fast
-from hydro_control.reference import ReferencePlayer
-from hydro_control.trajectory import Waypoint, segments_through, waypoints_of
+from hydro_control.motion.approach import approach_to
+from hydro_control.motion.motion_limits import refuse_fast
+from hydro_control.motion.reference import ReferencePlayer
+from hydro_control.motion.trajectory import Waypoint, segments_through, waypoints_of
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, Path, TipPath, load_path
 from hydro_model.paths_check import joint_motion

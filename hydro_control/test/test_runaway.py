@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hydro_control.errors import ControlError
-from hydro_control.motion_limits import limits_of
-from hydro_control.runaway import BELIEVED, SPAN, RunawayLimits, RunawayWatch
+from hydro_control.monitoring.runaway import BELIEVED, SPAN, RunawayLimits, RunawayWatch
+from hydro_control.motion.motion_limits import limits_of
 from hydro_model.kinematics import tip_position, tip_state
 from hydro_model.robot import FloatArray
 from hydro_model.robot_files import load_robot

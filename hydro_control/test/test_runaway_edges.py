@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_control.motion_limits import limits_of
-from hydro_control.runaway import RunawayLimits, RunawayWatch
+from hydro_control.monitoring.runaway import RunawayLimits, RunawayWatch
+from hydro_control.motion.motion_limits import limits_of
 from hydro_model.cylinder import lever
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot

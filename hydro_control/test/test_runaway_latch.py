@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hydro_control.core import ControllerCore, Sample
+from hydro_control.core.core import ControllerCore, Sample
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
-from hydro_control.motion_limits import limits_of
-from hydro_control.trajectory import Waypoint
+from hydro_control.motion.motion_limits import limits_of
+from hydro_control.motion.trajectory import Waypoint
 from hydro_model.robot_files import load_robot
 
 ROBOT = load_robot("xs031")

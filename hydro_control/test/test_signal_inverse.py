@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hydro_control.compensation.signal_inverse import SMOOTHING, SignalInverse, lag_s
 from hydro_control.errors import ControlError
-from hydro_control.signal_inverse import SMOOTHING, SignalInverse, lag_s
 from hydro_model.effects import ActiveEffect, resolve
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import pytest
 
-from hydro_control.stamps import StampWatch
+from hydro_control.monitoring.stamps import StampWatch
 
 
 def watch_after(spacings_s: Iterable[float], dt_s: float = 0.002) -> StampWatch:

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_control.axes import axes_of
-from hydro_control.filters import FilteredDifference
 from hydro_control.gains import Gains
-from hydro_control.state import State, StateFilter
-from hydro_control.state_kernels import difference_kernel
-from hydro_control.state_reference import ReadableStateFilter
+from hydro_control.state.axes import axes_of
+from hydro_control.state.filters import FilteredDifference
+from hydro_control.state.state import State, StateFilter
+from hydro_control.state.state_kernels import difference_kernel
+from hydro_control.state.state_reference import ReadableStateFilter
 from hydro_model.robot_files import load_robot
 
 DT = 0.002

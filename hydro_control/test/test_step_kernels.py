@@ -8,18 +8,18 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from hydro_control import law_reference
-from hydro_control.axes import axes_of
-from hydro_control.compensation import Motion
-from hydro_control.compensation_reference import ReadableCompensation
+from hydro_control.compensation.compensation import Motion
+from hydro_control.compensation.compensation_reference import ReadableCompensation
 from hydro_control.errors import ControlError
-from hydro_control.filters import FilteredDifference
 from hydro_control.gains import Gains
-from hydro_control.law import ControlLaw, Output
-from hydro_control.motion_limits import limits_of
-from hydro_control.oil_columns import OilColumns
-from hydro_control.required_motion import Reference, desired_at
-from hydro_control.state_reference import ReadableStateFilter
+from hydro_control.law import law_reference
+from hydro_control.law.law import ControlLaw, Output
+from hydro_control.motion.motion_limits import limits_of
+from hydro_control.motion.required_motion import Reference, desired_at
+from hydro_control.state.axes import axes_of
+from hydro_control.state.filters import FilteredDifference
+from hydro_control.state.oil_columns import OilColumns
+from hydro_control.state.state_reference import ReadableStateFilter
 from hydro_model.kinematics import tip_position
 from hydro_model.robot import EffectSpec, FloatArray, Robot
 from hydro_model.robot_files import load_robot

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hydro_control.winding_down import LAST_SAMPLE_S, RAMP_S, WindingDown
+from hydro_control.core.winding_down import LAST_SAMPLE_S, RAMP_S, WindingDown
 
 NOW_S, STAMP = 100.0, 1_000_000_000
 PERIOD_NS, PERIOD_S = 3_000_000, 0.003

@@ -11,13 +11,13 @@ import can
 import pytest
 import yaml
 
-from hydro_hw_bridge.bridge_core import BridgeCore
-from hydro_hw_bridge.bridge_step import NOTHING, Step
-from hydro_hw_bridge.bus_health import BusCounters
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.frames import CommandFrame, Echo, Readings, Status
-from hydro_hw_bridge.gate import GateState
-from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.bus.bus_health import BusCounters
+from hydro_hw_bridge.core.bridge_core import BridgeCore
+from hydro_hw_bridge.gate.gate import GateState
+from hydro_hw_bridge.gate.gate_limits import GateLimits
+from hydro_hw_bridge.protocol.bridge_step import NOTHING, Step
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import CommandFrame, Echo, Readings, Status
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import pytest
 
-from hydro_hw_bridge.assembler import Assembler, Cycle, CycleCounters, CycleKind
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.frames import Frame, Readings
+from hydro_hw_bridge.protocol.assembler import Assembler, Cycle, CycleCounters, CycleKind
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import Frame, Readings
 
 Make = Callable[..., Readings]
 Frames = Callable[..., list[Frame]]

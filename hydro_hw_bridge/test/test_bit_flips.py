@@ -11,8 +11,8 @@ from hydro_hw_bridge.faults.bench import Bench, WatchedCodec
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, BusFault
 from hydro_hw_bridge.faults.naming import Diagnosis
 from hydro_hw_bridge.faults.wave import Wave
-from hydro_hw_bridge.gate import GateState
-from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.gate.gate import GateState
+from hydro_hw_bridge.gate.gate_limits import GateLimits
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.truth_files import load_truth
 from hydro_model.robot import Robot

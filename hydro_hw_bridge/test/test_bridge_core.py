@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.bridge_core import CLOSING_CYCLES, BridgeCore
-from hydro_hw_bridge.bridge_report import summary
-from hydro_hw_bridge.bridge_step import NOTHING
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.gate import GateState
-from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.core.bridge_core import CLOSING_CYCLES, BridgeCore
+from hydro_hw_bridge.gate.gate import GateState
+from hydro_hw_bridge.gate.gate_limits import GateLimits
+from hydro_hw_bridge.node.bridge_report import summary
+from hydro_hw_bridge.protocol.bridge_step import NOTHING
+from hydro_hw_bridge.protocol.codec import Codec
 
 NOW = 1_700_000_000_500_000_000
 PERIOD = 2_000_000

@@ -11,22 +11,22 @@ from typing import Any
 import can
 import pytest
 
-from hydro_hw_bridge.bus import Bus
-from hydro_hw_bridge.bus_name import BusName
-from hydro_hw_bridge.bus_open import open_bus
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.frames import CommandFrame, Readings
-from hydro_hw_bridge.gate import GateState
+from hydro_hw_bridge.bus.bus import Bus
+from hydro_hw_bridge.bus.bus_name import BusName
+from hydro_hw_bridge.bus.bus_open import open_bus
+from hydro_hw_bridge.gate.gate import GateState
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import CommandFrame, Readings
 
 rclpy = pytest.importorskip("rclpy")
 from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 
-from hydro_hw_bridge import bridge as bridge_module  # noqa: E402
-from hydro_hw_bridge import bridge_loops as loops_module  # noqa: E402
-from hydro_hw_bridge import claims  # noqa: E402
-from hydro_hw_bridge.bridge import CanBridge  # noqa: E402
-from hydro_hw_bridge.link import UNSENT  # noqa: E402
+from hydro_hw_bridge.bus import claims  # noqa: E402
+from hydro_hw_bridge.bus.link import UNSENT  # noqa: E402
+from hydro_hw_bridge.node import bridge as bridge_module  # noqa: E402
+from hydro_hw_bridge.node import bridge_loops as loops_module  # noqa: E402
+from hydro_hw_bridge.node.bridge import CanBridge  # noqa: E402
 from hydro_msgs_docs.messages import joint_state  # noqa: E402
 from hydro_msgs_docs.topics import VALVE_COMMAND, reliable  # noqa: E402
 

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from hydro_hw_bridge.bridge_core import CLOSING_CYCLES, BridgeCore
-from hydro_hw_bridge.bus import Bus
-from hydro_hw_bridge.bus_open import open_bus
-from hydro_hw_bridge.claims import Claim
-from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.bus.bus import Bus
+from hydro_hw_bridge.bus.bus_open import open_bus
+from hydro_hw_bridge.bus.claims import Claim
+from hydro_hw_bridge.bus.link import CommandLink
+from hydro_hw_bridge.core.bridge_core import CLOSING_CYCLES, BridgeCore
 from hydro_hw_bridge.errors import BridgeError
-from hydro_hw_bridge.frames import CommandFrame, Echo, Readings
-from hydro_hw_bridge.gate import GateState
-from hydro_hw_bridge.gate_limits import GateLimits
-from hydro_hw_bridge.link import CommandLink
+from hydro_hw_bridge.gate.gate import GateState
+from hydro_hw_bridge.gate.gate_limits import GateLimits
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import CommandFrame, Echo, Readings
 
 NAMES = ("lift_valve", "tilt_valve")
 LIMITS = GateLimits(NAMES, (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.bridge_report import inputs
-from hydro_hw_bridge.mapping import PERMISSIVES
+from hydro_hw_bridge.node.bridge_report import inputs
+from hydro_hw_bridge.protocol.mapping import PERMISSIVES
 
 
 @pytest.mark.parametrize("bit", PERMISSIVES)

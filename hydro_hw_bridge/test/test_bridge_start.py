@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.bridge_start import gate_limits, not_quite_zero
-from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
-from hydro_hw_bridge.parameters import PARAMETERS, settings_from
+from hydro_hw_bridge.node.bridge_start import gate_limits, not_quite_zero
+from hydro_hw_bridge.node.parameters import PARAMETERS, settings_from
+from hydro_hw_bridge.protocol.codec import Codec
 from hydro_model.robot import Robot
 
 

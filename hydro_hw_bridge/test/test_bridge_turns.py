@@ -8,9 +8,10 @@ from typing import Any
 import can
 import pytest
 
-from hydro_hw_bridge import claims
-from hydro_hw_bridge.bridge_step import NOTHING, Step
-from hydro_hw_bridge.bridge_turns import (
+from hydro_hw_bridge.bus import claims
+from hydro_hw_bridge.bus.claims import CLAIM_PERIOD_S, GONE_S, Claim
+from hydro_hw_bridge.bus.link import BUS_OFF, CommandLink
+from hydro_hw_bridge.core.bridge_turns import (
     LONGEST_SILENCE_S,
     SECOND_BRIDGE,
     SILENT_S,
@@ -18,12 +19,11 @@ from hydro_hw_bridge.bridge_turns import (
     BridgeTurns,
     tells_time,
 )
-from hydro_hw_bridge.claims import CLAIM_PERIOD_S, GONE_S, Claim
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.frames import Frame
-from hydro_hw_bridge.gate import GateState
-from hydro_hw_bridge.link import BUS_OFF, CommandLink
-from hydro_hw_bridge.supervision import FOREIGN
+from hydro_hw_bridge.core.supervision import FOREIGN
+from hydro_hw_bridge.gate.gate import GateState
+from hydro_hw_bridge.protocol.bridge_step import NOTHING, Step
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import Frame
 
 NAMES = ("lift_valve", "tilt_valve")
 ROS_NS = 1_700_000_000_500_000_000

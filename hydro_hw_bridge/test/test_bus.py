@@ -16,13 +16,13 @@ from typing import Any
 import can
 import pytest
 
-from hydro_hw_bridge import bus as bus_module
-from hydro_hw_bridge.bus import Bus
-from hydro_hw_bridge.bus_name import BusName, parse_bus
-from hydro_hw_bridge.bus_open import open_bus
-from hydro_hw_bridge.error_frames import error_frame, name_of
+from hydro_hw_bridge.bus import bus as bus_module
+from hydro_hw_bridge.bus.bus import Bus
+from hydro_hw_bridge.bus.bus_name import BusName, parse_bus
+from hydro_hw_bridge.bus.bus_open import open_bus
+from hydro_hw_bridge.bus.error_frames import error_frame, name_of
+from hydro_hw_bridge.bus.simulated_faults import begun_ns
 from hydro_hw_bridge.errors import BridgeError
-from hydro_hw_bridge.simulated_faults import begun_ns
 
 GROUP = "239.74.163.2"
 PORT = 2_000 + (os.getpid() + 4_000) % 5_000
@@ -94,7 +94,7 @@ def test_frames_stay_on_this_machine() -> None:
 
 ECHO = """
 import can, sys
-from hydro_hw_bridge.bus_open import open_bus
+from hydro_hw_bridge.bus.bus_open import open_bus
 with open_bus(sys.argv[1], [0x80]) as bus:
     print("ready", flush=True)
     for _ in range(200):

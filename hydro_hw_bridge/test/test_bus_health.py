@@ -7,8 +7,8 @@ import errno
 import can
 import pytest
 
-from hydro_hw_bridge.bus_health import BusCounters, BusHealth
-from hydro_hw_bridge.error_frames import BUS_OFF, CONTROLLER, RESTARTED, error_frame
+from hydro_hw_bridge.bus.bus_health import BusCounters, BusHealth
+from hydro_hw_bridge.bus.error_frames import BUS_OFF, CONTROLLER, RESTARTED, error_frame
 
 ACTIVE, ERROR = can.BusState.ACTIVE, can.BusState.ERROR
 INTERFACES = ("socketcan", "virtual", "udp_multicast", "simulated_faults", "pcan")

@@ -15,13 +15,14 @@ from typing import Any
 import pytest
 import yaml
 
-from hydro_hw_bridge import calibrate as command
-from hydro_hw_bridge import calibration_session, claims
-from hydro_hw_bridge.bus_open import open_bus
-from hydro_hw_bridge.calibration import channels_hash, load_calibration
-from hydro_hw_bridge.claims import Claim
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.frames import CommandFrame
+from hydro_hw_bridge.bus import claims
+from hydro_hw_bridge.bus.bus_open import open_bus
+from hydro_hw_bridge.bus.claims import Claim
+from hydro_hw_bridge.commissioning import calibrate as command
+from hydro_hw_bridge.commissioning import calibration_session
+from hydro_hw_bridge.protocol.calibration import channels_hash, load_calibration
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import CommandFrame
 
 pytestmark = pytest.mark.processes
 #: How long to wait for what must come, however busy the machine is.

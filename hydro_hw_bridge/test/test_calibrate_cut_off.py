@@ -17,10 +17,10 @@ from pathlib import Path
 
 import pytest
 
-from hydro_hw_bridge.bus import Bus
-from hydro_hw_bridge.bus_open import open_bus
-from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.bus.bus import Bus
+from hydro_hw_bridge.bus.bus_open import open_bus
 from hydro_hw_bridge.faults.injection import WATCHDOG
+from hydro_hw_bridge.protocol.codec import Codec
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.device import Device
 from hydro_hw_bridge.rig.truth_files import load_truth
@@ -38,7 +38,8 @@ STOPPED = (False, (0.0, 0.0))
 #: Alone on its bus it need not listen for bridges.
 ALONE = """
 import sys
-from hydro_hw_bridge import calibrate, claims
+from hydro_hw_bridge.bus import claims
+from hydro_hw_bridge.commissioning import calibrate
 claims.LISTEN_S = claims.CONTEST_S = 0.05
 sys.exit(calibrate.main())
 """

@@ -12,20 +12,20 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge import claims
-from hydro_hw_bridge.bus import Bus
-from hydro_hw_bridge.bus_open import open_bus
-from hydro_hw_bridge.calibration_session import MAX_REPEATS, Session
-from hydro_hw_bridge.calibration_steps import (
+from hydro_hw_bridge.bus import claims
+from hydro_hw_bridge.bus.bus import Bus
+from hydro_hw_bridge.bus.bus_open import open_bus
+from hydro_hw_bridge.commissioning.calibration_session import MAX_REPEATS, Session
+from hydro_hw_bridge.commissioning.calibration_steps import (
     MARGIN,
     REST_CYCLES,
     _check_within,
     unreferenced,
     valve_signs,
 )
-from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import CalibrationError
-from hydro_hw_bridge.frames import CommandFrame
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import CommandFrame
 from hydro_model.cylinder import lever
 from hydro_model.robot import Robot
 

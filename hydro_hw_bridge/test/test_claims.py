@@ -7,12 +7,12 @@ from collections.abc import Callable
 import can
 import pytest
 
-from hydro_hw_bridge import claims
-from hydro_hw_bridge.bus import Bus
-from hydro_hw_bridge.bus_name import BusName
-from hydro_hw_bridge.claims import CLAIM_PERIOD_S, CONTEST_S, GONE_S, LISTEN_S, Claim
-from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.bus import claims
+from hydro_hw_bridge.bus.bus import Bus
+from hydro_hw_bridge.bus.bus_name import BusName
+from hydro_hw_bridge.bus.claims import CLAIM_PERIOD_S, CONTEST_S, GONE_S, LISTEN_S, Claim
 from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.protocol.codec import Codec
 
 #: No whole number of them is the time of listening: the last wait has to be cut.
 STEP_S = 0.016

@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hydro_hw_bridge.calibration import Calibration, calibrated_mapping
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.frames import Echo, Readings, Status
-from hydro_hw_bridge.layout import load_layout
-from hydro_hw_bridge.signals import raw_signal
+from hydro_hw_bridge.protocol.calibration import Calibration, calibrated_mapping
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import Echo, Readings, Status
+from hydro_hw_bridge.protocol.layout import load_layout
+from hydro_hw_bridge.protocol.signals import raw_signal
 from hydro_model.robot import Robot
 
 Make = Callable[..., Readings]

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.command_intake import CommandIntake
-from hydro_hw_bridge.gate import Gate, GateState
-from hydro_hw_bridge.gate_limits import GateLimits
-from hydro_hw_bridge.sample_clock import SampleClock
+from hydro_hw_bridge.core.command_intake import CommandIntake
+from hydro_hw_bridge.gate.gate import Gate, GateState
+from hydro_hw_bridge.gate.gate_limits import GateLimits
+from hydro_hw_bridge.protocol.sample_clock import SampleClock
 
 LIMITS = GateLimits(("lift_valve", "tilt_valve"), (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)
 NOW = 1_700_000_000_500_000_000

@@ -9,8 +9,8 @@ from cantools.autosar.end_to_end import compute_profile2_crc
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.e2e import PROTECTED_BITS, alive_counter, is_intact, protect
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.e2e import PROTECTED_BITS, alive_counter, is_intact, protect
 
 
 def crc8_2f(data: bytes) -> int:

@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import pytest
 
-from hydro_hw_bridge.frames import Echo
-from hydro_hw_bridge.gate_limits import GateLimits
-from hydro_hw_bridge.held_voltages import PATIENCE, ROUNDING_V, WATCHDOG_S, HeldVoltages
-from hydro_hw_bridge.output_ramp import RATE_FACTOR, OutputRamp
-from hydro_hw_bridge.valve_echo import ValveEcho
+from hydro_hw_bridge.gate.gate_limits import GateLimits
+from hydro_hw_bridge.gate.held_voltages import PATIENCE, ROUNDING_V, WATCHDOG_S, HeldVoltages
+from hydro_hw_bridge.gate.output_ramp import RATE_FACTOR, OutputRamp
+from hydro_hw_bridge.monitoring.valve_echo import ValveEcho
+from hydro_hw_bridge.protocol.frames import Echo
 
 SPANS = (256, 32)
 LIMITS = GateLimits(("lift_valve",), (10.0,), 0.002, 1000.0, 5, 2.0e6)

@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 import yaml
 
-from hydro_hw_bridge.bridge_start import calibration_remarks
-from hydro_hw_bridge.calibration import (
+from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.node.bridge_start import calibration_remarks
+from hydro_hw_bridge.protocol.calibration import (
     Calibration,
     calibrated_mapping,
     calibration_text,
@@ -19,10 +20,9 @@ from hydro_hw_bridge.calibration import (
     load_calibration,
     unmeasured,
 )
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.errors import BridgeError
-from hydro_hw_bridge.frames import Readings
-from hydro_hw_bridge.shipped_mapping import default_mapping
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import Readings
+from hydro_hw_bridge.protocol.shipped_mapping import default_mapping
 from hydro_model.robot import Robot
 
 Edit = Callable[[dict[str, Any]], object]

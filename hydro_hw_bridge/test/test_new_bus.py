@@ -11,11 +11,11 @@ import can
 import numpy as np
 import pytest
 
-from hydro_hw_bridge.bus_files import bus_files
-from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.commissioning.bus_files import bus_files
+from hydro_hw_bridge.commissioning.new_bus import main
 from hydro_hw_bridge.errors import BridgeError
-from hydro_hw_bridge.frames import Echo, Readings, Status
-from hydro_hw_bridge.new_bus import main
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import Echo, Readings, Status
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 

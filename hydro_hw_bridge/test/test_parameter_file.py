@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hydro_hw_bridge.errors import BridgeError
-from hydro_hw_bridge.parameter_file import check_parameter_file
+from hydro_hw_bridge.node.parameter_file import check_parameter_file
 
 GIVEN = ("robot", "can")
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.gate import GateState
-from hydro_hw_bridge.period_watch import GAP_S, GRACE_S, SHARE, PeriodWatch
-from hydro_hw_bridge.supervision import OTHER_PERIOD
+from hydro_hw_bridge.core.supervision import OTHER_PERIOD
+from hydro_hw_bridge.gate.gate import GateState
+from hydro_hw_bridge.monitoring.period_watch import GAP_S, GRACE_S, SHARE, PeriodWatch
 
 PERIOD_S = 0.002
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.frames import Readings
-from hydro_hw_bridge.plausibility import STILL_S, STUCK_S, ReadingsWatch, Verdict
+from hydro_hw_bridge.monitoring.plausibility import STILL_S, STUCK_S, ReadingsWatch, Verdict
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import Readings
 
 Make = Callable[..., Readings]
 PERIOD_S = 0.002

@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.bridge_step import ReadingCounters
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.frames import Readings
-from hydro_hw_bridge.plausibility import ReadingsWatch, Verdict
+from hydro_hw_bridge.monitoring.plausibility import ReadingsWatch, Verdict
+from hydro_hw_bridge.protocol.bridge_step import ReadingCounters
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import Readings
 from hydro_model.robot import Robot
 
 Make = Callable[..., Readings]

@@ -13,11 +13,11 @@ import can
 import numpy as np
 import pytest
 
-from hydro_hw_bridge.bus import Bus
-from hydro_hw_bridge.bus_open import open_bus
-from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.bus.bus import Bus
+from hydro_hw_bridge.bus.bus_open import open_bus
 from hydro_hw_bridge.errors import BridgeError
-from hydro_hw_bridge.frames import Readings
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import Readings
 from hydro_hw_bridge.rig import device as device_module
 from hydro_hw_bridge.rig.command import run as run_rig
 from hydro_hw_bridge.rig.truth_log import part_of, read_truth_log

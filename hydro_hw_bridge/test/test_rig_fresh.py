@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 
-from hydro_hw_bridge.bus import Bus
-from hydro_hw_bridge.bus_name import BusName
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.frames import CommandFrame
+from hydro_hw_bridge.bus.bus import Bus
+from hydro_hw_bridge.bus.bus_name import BusName
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import CommandFrame
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.device import Counters, Device
 from hydro_hw_bridge.rig.truth_files import load_truth

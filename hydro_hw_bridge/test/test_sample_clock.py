@@ -7,7 +7,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hydro_hw_bridge.errors import BridgeError
-from hydro_hw_bridge.sample_clock import SampleClock
+from hydro_hw_bridge.protocol.sample_clock import SampleClock
 
 PERIOD = 2_000_000
 NOW = 1_700_000_000_123_456_789

@@ -9,12 +9,12 @@ from typing import Any
 import can
 import pytest
 
-from hydro_hw_bridge.bridge_core import BridgeCore
-from hydro_hw_bridge.bridge_step import ReadingCounters
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.frames import Echo, Readings
-from hydro_hw_bridge.gate import GateState
-from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.core.bridge_core import BridgeCore
+from hydro_hw_bridge.gate.gate import GateState
+from hydro_hw_bridge.gate.gate_limits import GateLimits
+from hydro_hw_bridge.protocol.bridge_step import ReadingCounters
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import Echo, Readings
 from hydro_model.cylinder import stroke
 
 NAMES = ("lift_valve", "tilt_valve")

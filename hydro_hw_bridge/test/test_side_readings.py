@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.bridge_step import ReadingCounters
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.frames import Readings
-from hydro_hw_bridge.side_readings import SideWatch
+from hydro_hw_bridge.monitoring.side_readings import SideWatch
+from hydro_hw_bridge.protocol.bridge_step import ReadingCounters
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import Readings
 from hydro_model.cylinder import joint_position, lever, stroke
 
 Make = Callable[..., Readings]

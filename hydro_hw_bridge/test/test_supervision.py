@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.bridge_step import NOTHING
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.gate import Gate, GateState
-from hydro_hw_bridge.gate_limits import GateLimits
-from hydro_hw_bridge.permissives import Inputs
-from hydro_hw_bridge.supervision import FOREIGN, Supervision
+from hydro_hw_bridge.core.supervision import FOREIGN, Supervision
+from hydro_hw_bridge.gate.gate import Gate, GateState
+from hydro_hw_bridge.gate.gate_limits import GateLimits
+from hydro_hw_bridge.gate.permissives import Inputs
+from hydro_hw_bridge.protocol.bridge_step import NOTHING
+from hydro_hw_bridge.protocol.codec import Codec
 from hydro_model.robot import Robot
 
 LIMITS = GateLimits(("lift_valve", "tilt_valve"), (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)

@@ -7,11 +7,11 @@ from collections import deque
 
 import pytest
 
-from hydro_hw_bridge.bridge_step import EchoCounters
-from hydro_hw_bridge.frames import Echo
-from hydro_hw_bridge.gate_limits import GateLimits
-from hydro_hw_bridge.held_voltages import PATIENCE, HeldVoltages
-from hydro_hw_bridge.valve_echo import ValveEcho
+from hydro_hw_bridge.gate.gate_limits import GateLimits
+from hydro_hw_bridge.gate.held_voltages import PATIENCE, HeldVoltages
+from hydro_hw_bridge.monitoring.valve_echo import ValveEcho
+from hydro_hw_bridge.protocol.bridge_step import EchoCounters
+from hydro_hw_bridge.protocol.frames import Echo
 
 SPANS = (256, 32)
 LIMITS = GateLimits(("lift_valve",), (10.0,), 0.002, 1000.0, 5, 2.0e6)

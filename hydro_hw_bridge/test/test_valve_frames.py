@@ -7,15 +7,15 @@ from typing import Any
 import pytest
 import yaml
 
-from hydro_hw_bridge.bridge_step import NOTHING, Sample
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.frames import Echo
-from hydro_hw_bridge.gate import Gate
-from hydro_hw_bridge.gate_limits import GateLimits
-from hydro_hw_bridge.held_voltages import PATIENCE, WATCHDOG_S
-from hydro_hw_bridge.own_frames import KEPT, OwnFrames
-from hydro_hw_bridge.permissives import Inputs
-from hydro_hw_bridge.valve_frames import ValveFrames
+from hydro_hw_bridge.bus.own_frames import KEPT, OwnFrames
+from hydro_hw_bridge.core.valve_frames import ValveFrames
+from hydro_hw_bridge.gate.gate import Gate
+from hydro_hw_bridge.gate.gate_limits import GateLimits
+from hydro_hw_bridge.gate.held_voltages import PATIENCE, WATCHDOG_S
+from hydro_hw_bridge.gate.permissives import Inputs
+from hydro_hw_bridge.protocol.bridge_step import NOTHING, Sample
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import Echo
 
 LIMITS = GateLimits(("lift_valve", "tilt_valve"), (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)
 NOW = 1_700_000_000_500_000_000

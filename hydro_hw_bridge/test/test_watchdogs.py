@@ -12,13 +12,13 @@ from typing import Any
 import can
 import pytest
 
-from hydro_hw_bridge.bridge_core import BridgeCore
-from hydro_hw_bridge.bridge_step import NOTHING
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.gate import GateState
-from hydro_hw_bridge.gate_limits import GateLimits
-from hydro_hw_bridge.link import BUS_OFF, UNSENT, CommandLink
-from hydro_hw_bridge.supervision import IMPOSSIBLE, READ_LATE
+from hydro_hw_bridge.bus.link import BUS_OFF, UNSENT, CommandLink
+from hydro_hw_bridge.core.bridge_core import BridgeCore
+from hydro_hw_bridge.core.supervision import IMPOSSIBLE, READ_LATE
+from hydro_hw_bridge.gate.gate import GateState
+from hydro_hw_bridge.gate.gate_limits import GateLimits
+from hydro_hw_bridge.protocol.bridge_step import NOTHING
+from hydro_hw_bridge.protocol.codec import Codec
 
 NAMES = ("lift_valve", "tilt_valve")
 LIMITS = GateLimits(NAMES, (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)

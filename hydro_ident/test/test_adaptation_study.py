@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hydro_control.adaptation_settings import KINDS, AdaptationSettings
+from hydro_control.adaptation.adaptation_settings import KINDS, AdaptationSettings
 from hydro_hw_bridge.rig.payload import Payload
 from hydro_hw_bridge.rig.random_truth import random_truth
 from hydro_ident.study.adaptation import pick_up

@@ -14,9 +14,9 @@ import can
 import numpy as np
 import pytest
 
-from hydro_hw_bridge.bus_name import BusName
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.frames import Readings, Status
+from hydro_hw_bridge.bus.bus_name import BusName
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import Readings, Status
 from hydro_ident.bench import fit, fit_jobs, growth
 from hydro_ident.bench.chain import LARGEST_AGE_MS, echo, product
 from hydro_ident.bench.chain_jobs import QUANTILES, measured

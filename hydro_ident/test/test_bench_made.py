@@ -14,7 +14,7 @@ from hydro_ident.bench.limits import BASE
 from hydro_ident.errors import IdentError
 
 ROW = Row(BASE, "100 us", 5e-5, 1e-4, 2.0, 1.0, 3)
-LAW = "hydro_control/hydro_control/law.py"
+LAW = "hydro_control/hydro_control/law/law.py"
 
 
 @pytest.fixture

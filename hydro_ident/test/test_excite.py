@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from hydro_control.errors import ControlError
-from hydro_control.motion_limits import refuse_fast
+from hydro_control.motion.motion_limits import refuse_fast
 from hydro_ident.commands.excite import main, run
 from hydro_ident.design import experiment
 from hydro_ident.design.experiment import (

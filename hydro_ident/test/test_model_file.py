@@ -165,7 +165,7 @@ def test_a_folder_that_is_not_there_is_one_line(robot: Robot, tmp_path: Path) ->
 
 
 def test_the_controller_file_names_the_model_and_the_gains(tmp_path: Path) -> None:
-    from hydro_control.parameters import PARAMETERS
+    from hydro_control.node.parameters import PARAMETERS
 
     text = controller_text(tmp_path / "model.yaml")
     assert "# Gains are the package's defaults" in text

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.protocol.codec import Codec
 from hydro_ident.study.fuzz.targets import NAME, shipped_mapping
 from hydro_model.errors import HydroError
 from hydro_model.robot_files import load_robot, shipped_robots

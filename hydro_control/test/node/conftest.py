@@ -36,7 +36,7 @@ START_NS = 1_000_000_000_000
 
 
 def _run_module(module: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", f"hydro_control.{module}", *arguments]
+    command = [sys.executable, "-m", f"hydro_control.node.{module}", *arguments]
     return subprocess.run(
         command, env=ENVIRONMENT, capture_output=True, text=True, timeout=PATIENCE_S, check=False
     )
@@ -188,7 +188,7 @@ def controller(machine: Machine) -> Iterator[Callable[..., subprocess.Popen[str]
         *parameters: str, activate: bool = True, before: Sequence[str] = ()
     ) -> subprocess.Popen[str]:
         ros = [part for p in parameters for part in ("-p", p)]
-        command = [*before, sys.executable, "-m", "hydro_control.node", "--ros-args", *ros]
+        command = [*before, sys.executable, "-m", "hydro_control.node.node", "--ros-args", *ros]
         process = subprocess.Popen(
             command, env=ENVIRONMENT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
@@ -219,7 +219,7 @@ def within(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> Callable[..., subprocess.CompletedProcess[str]]:
     """`within(*arguments)`: a controller that ends by itself, in this process."""
-    from hydro_control.node import NAME, run
+    from hydro_control.node.node import NAME, run
     from hydro_model.command import run_command
 
     monkeypatch.setattr(sys, "setswitchinterval", lambda interval: None)

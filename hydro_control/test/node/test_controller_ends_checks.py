@@ -11,8 +11,8 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
-from hydro_control.controller_node import ControllerNode  # noqa: E402
-from hydro_control.core import Sample  # noqa: E402
+from hydro_control.core.core import Sample  # noqa: E402
+from hydro_control.node.controller_node import ControllerNode  # noqa: E402
 
 pytestmark = pytest.mark.ros
 DOMAIN = 10 + (os.getpid() + 70) % 90

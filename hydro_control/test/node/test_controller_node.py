@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_control.core import Answer, ControllerCore, Sample
+from hydro_control.core.core import Answer, ControllerCore, Sample
 from hydro_control.gains import Gains
-from hydro_hw_bridge.gate import Gate, GateState, Output
-from hydro_hw_bridge.gate_limits import GateLimits
-from hydro_hw_bridge.permissives import Inputs
+from hydro_hw_bridge.gate.gate import Gate, GateState, Output
+from hydro_hw_bridge.gate.gate_limits import GateLimits
+from hydro_hw_bridge.gate.permissives import Inputs
 from hydro_model.robot import Robot
 from hydro_msgs_docs import topics
 from hydro_msgs_docs.messages import joint_state, stamp_ns
@@ -27,8 +27,8 @@ rclpy = pytest.importorskip("rclpy")
 
 from rclpy.serialization import serialize_message  # noqa: E402
 
-from hydro_control import winding_down  # noqa: E402
-from hydro_control.hot_path import HotPath  # noqa: E402
+from hydro_control.core import winding_down  # noqa: E402
+from hydro_control.node.hot_path import HotPath  # noqa: E402
 from hydro_msgs_docs.real_time import RealTime, RealTimeOptions  # noqa: E402
 
 pytestmark = pytest.mark.ros

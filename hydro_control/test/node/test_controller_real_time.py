@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_control.core import Answer, ControllerCore, Sample
+from hydro_control.core.core import Answer, ControllerCore, Sample
 from hydro_control.gains import Gains
 from hydro_msgs_docs import topics
 
 rclpy = pytest.importorskip("rclpy")
-from hydro_control import winding_down  # noqa: E402
-from hydro_control.hot_path import HotPath  # noqa: E402
+from hydro_control.core import winding_down  # noqa: E402
+from hydro_control.node.hot_path import HotPath  # noqa: E402
 from hydro_msgs_docs.real_time import RealTime, RealTimeOptions  # noqa: E402
 
 pytestmark = pytest.mark.ros

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_control.asking import MOST_POINTS
-from hydro_control.core import ControllerCore, Sample
+from hydro_control.core.core import ControllerCore, Sample
 from hydro_control.errors import names_in_short
 from hydro_control.gains import Gains
+from hydro_control.motion.asking import MOST_POINTS
 from hydro_model.kinematics import tip_position
 from hydro_model.robot_files import load_robot
 
@@ -27,7 +27,7 @@ from trajectory_msgs.msg import (  # noqa: E402
     MultiDOFJointTrajectoryPoint,
 )
 
-from hydro_control.trajectory_intake import TrajectoryIntake  # noqa: E402
+from hydro_control.node.trajectory_intake import TrajectoryIntake  # noqa: E402
 
 pytestmark = pytest.mark.ros
 

@@ -13,18 +13,18 @@ from typing import Protocol
 
 import can
 
-from hydro_hw_bridge.bridge_core import BridgeCore
-from hydro_hw_bridge.bridge_step import Sample, Step
-from hydro_hw_bridge.bridge_turns import SECOND_BRIDGE
-from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.bus.link import CommandLink
+from hydro_hw_bridge.core.bridge_core import BridgeCore
+from hydro_hw_bridge.core.bridge_turns import SECOND_BRIDGE
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, BusFault
 from hydro_hw_bridge.faults.command_faults import Command, CommandFault, Publisher
 from hydro_hw_bridge.faults.line import FaultLine
 from hydro_hw_bridge.faults.line_bus import LineBus
 from hydro_hw_bridge.faults.machine_faults import PERMISSIVES, SUPPLY, MachineFault
-from hydro_hw_bridge.frames import CommandFrame, Readings
-from hydro_hw_bridge.gate_limits import GateLimits
-from hydro_hw_bridge.link import CommandLink
+from hydro_hw_bridge.gate.gate_limits import GateLimits
+from hydro_hw_bridge.protocol.bridge_step import Sample, Step
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import CommandFrame, Readings
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.device import Device
 

@@ -15,10 +15,10 @@ from __future__ import annotations
 
 import random
 
-from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, LINK, BusFault
 from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, STARVED, STUCK, WATCHDOG, Injection
 from hydro_hw_bridge.faults.naming import Named
+from hydro_hw_bridge.protocol.codec import Codec
 
 #: A frame that comes exactly so many cycles late, or a multiple, and before the one that belongs
 #: there, has the alive counter of the present cycle: nothing in it tells it apart. Frames of one

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import can
 
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.e2e import alive_counter, protect
 from hydro_hw_bridge.faults.bus_faults import BusFault
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.e2e import alive_counter, protect
 
 LOCKSTEP_BIT = "lockstep"
 

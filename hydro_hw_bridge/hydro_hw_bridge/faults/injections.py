@@ -6,13 +6,13 @@ import random
 from collections.abc import Callable
 from functools import partial
 
-from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.faults import bus_injections as bus
 from hydro_hw_bridge.faults import command_faults as commands
 from hydro_hw_bridge.faults import machine_faults as machines
 from hydro_hw_bridge.faults import other_injections as other
 from hydro_hw_bridge.faults.bus_faults import LINK
 from hydro_hw_bridge.faults.injection import Injection
+from hydro_hw_bridge.protocol.codec import Codec
 
 FIRST_CYCLE = (12, 45)
 Draw = Callable[[random.Random, Codec, int], Injection]

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable
 
 import can
 
-from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, CONTENT, DEVICE, LINK, BusFault
 from hydro_hw_bridge.faults.contents import Contents, copy_of
 from hydro_hw_bridge.faults.noise import Noise
+from hydro_hw_bridge.protocol.codec import Codec
 
 #: Cycles whose frames are remembered, to tell a whole sample from a partial one.
 KEPT_CYCLES = 4096

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import can
 
-from hydro_hw_bridge.bus import Bus
-from hydro_hw_bridge.bus_name import BusName
+from hydro_hw_bridge.bus.bus import Bus
+from hydro_hw_bridge.bus.bus_name import BusName
 from hydro_hw_bridge.faults.line import FaultLine
 
 

@@ -22,11 +22,11 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
-from hydro_hw_bridge.bus_open import open_bus, quiet_python_can
-from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.bus.bus_open import open_bus, quiet_python_can
 from hydro_hw_bridge.endings import on_end
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.faults.machine_faults import PERMISSIVES, SUPPLY
+from hydro_hw_bridge.protocol.codec import Codec
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.device import Device
 from hydro_hw_bridge.rig.truth import Truth

@@ -6,9 +6,9 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from hydro_hw_bridge import bridge_report
-from hydro_hw_bridge.bridge_core import BridgeCore
-from hydro_hw_bridge.bus import Bus
+from hydro_hw_bridge.bus.bus import Bus
+from hydro_hw_bridge.core.bridge_core import BridgeCore
+from hydro_hw_bridge.node import bridge_report
 
 NONE_SHOWS = "several at once, none of which can show"
 #: Faults of which the bridge cannot know, each with the reason. Published as it stands here.

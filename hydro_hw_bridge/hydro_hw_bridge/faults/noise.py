@@ -6,9 +6,9 @@ import random
 
 import can
 
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.e2e import protect
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, BusFault
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.e2e import protect
 
 _FOREIGN = 0x7FF
 #: Of noise: frames of the length that their identifier has, and frames under one of ours.

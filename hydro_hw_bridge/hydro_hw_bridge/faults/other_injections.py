@@ -19,7 +19,6 @@ import random
 from collections.abc import Mapping
 from dataclasses import replace
 
-from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.faults import command_faults as commands
 from hydro_hw_bridge.faults import machine_faults as machines
 from hydro_hw_bridge.faults.bus_injections import AGAIN, NOTHING_HEARD, QUIET, TOO_OLD
@@ -27,6 +26,7 @@ from hydro_hw_bridge.faults.command_faults import CommandFault
 from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, STARVED, WATCHDOG, Injection
 from hydro_hw_bridge.faults.machine_faults import MISSING, SUPPLY, MachineFault
 from hydro_hw_bridge.faults.naming import Named
+from hydro_hw_bridge.protocol.codec import Codec
 
 #: What the gate says of a bad command.
 SAID: Mapping[str, str] = {

@@ -7,17 +7,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from hydro_hw_bridge.bridge_turns import SECOND_BRIDGE
+from hydro_hw_bridge.core.bridge_turns import SECOND_BRIDGE
+from hydro_hw_bridge.core.supervision import FOREIGN as FOREIGN_COMMANDS
 from hydro_hw_bridge.faults.bench import Bench, Commander, ValveInput, WatchedCodec
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, LINK, BusFault
 from hydro_hw_bridge.faults.command_faults import CommandFault
 from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, WATCHDOG, Injection
 from hydro_hw_bridge.faults.machine_faults import MachineFault
 from hydro_hw_bridge.faults.naming import Diagnosis
-from hydro_hw_bridge.gate import GateState
-from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.gate.gate import GateState
+from hydro_hw_bridge.gate.gate_limits import GateLimits
 from hydro_hw_bridge.rig.core import RigCore
-from hydro_hw_bridge.supervision import FOREIGN as FOREIGN_COMMANDS
 
 #: Cycles after the fault until the trip is cleared, and those of driving again after that.
 AFTER, AGAIN = 12, 30

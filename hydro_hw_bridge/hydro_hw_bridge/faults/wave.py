@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from hydro_hw_bridge.bridge_step import Sample
 from hydro_hw_bridge.faults.command_faults import Command
+from hydro_hw_bridge.protocol.bridge_step import Sample
 
 SHARES = (0.9, 0.6)
 

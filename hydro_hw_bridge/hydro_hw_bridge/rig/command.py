@@ -115,9 +115,9 @@ def run(arguments: Sequence[str]) -> int:
     """
     options = _parser().parse_args(arguments)
     # Imported here so that --help is quick: these compile and load the codec.
-    from hydro_hw_bridge.bus_name import DEFAULT_BUS
-    from hydro_hw_bridge.bus_open import open_bus, quiet_python_can
-    from hydro_hw_bridge.codec import Codec
+    from hydro_hw_bridge.bus.bus_name import DEFAULT_BUS
+    from hydro_hw_bridge.bus.bus_open import open_bus, quiet_python_can
+    from hydro_hw_bridge.protocol.codec import Codec
     from hydro_hw_bridge.rig.device import Device, refuse_second_device
     from hydro_hw_bridge.rig.truth_log import TruthLog
 

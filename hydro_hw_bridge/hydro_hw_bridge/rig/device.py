@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import can
 
-from hydro_hw_bridge.bus import Bus
-from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.bus.bus import Bus
 from hydro_hw_bridge.errors import BridgeError
-from hydro_hw_bridge.frames import CommandFrame, Echo, Readings, Status
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import CommandFrame, Echo, Readings, Status
 from hydro_hw_bridge.rig.amplifier import WATCHDOG_S
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.truth_log import TruthLog

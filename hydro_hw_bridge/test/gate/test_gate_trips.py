@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.gate import Gate, GateState, Outcome, Output
-from hydro_hw_bridge.gate_limits import GateLimits
-from hydro_hw_bridge.permissives import Inputs
+from hydro_hw_bridge.gate.gate import Gate, GateState, Outcome, Output
+from hydro_hw_bridge.gate.gate_limits import GateLimits
+from hydro_hw_bridge.gate.permissives import Inputs
 
 NAMES = ("lift_valve", "tilt_valve")
 #: 2 V legal per 2 ms cycle, tripping above 4 V; 5 cycles are 10 ms.

@@ -15,10 +15,10 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.bus import Bus
-from hydro_hw_bridge.bus_open import open_bus
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.frames import CommandFrame, Echo, Readings
+from hydro_hw_bridge.bus.bus import Bus
+from hydro_hw_bridge.bus.bus_open import open_bus
+from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.frames import CommandFrame, Echo, Readings
 
 DOMAIN = 10 + os.getpid() % 90
 #: How long to wait for what must come, however busy the machine is.
@@ -43,7 +43,8 @@ _MAIN = "sys.exit(bridge_node.main())"
 #: A bridge alone on its bus: there is no other one to listen for.
 _ALONE = f"""
 import sys
-from hydro_hw_bridge import bridge, bridge_node, claims
+from hydro_hw_bridge.bus import claims
+from hydro_hw_bridge.node import bridge, bridge_node
 claims.LISTEN_S, claims.CONTEST_S = 0.1, 0.05
 {_MAIN}
 """
@@ -344,7 +345,7 @@ def within(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> Callable[..., subprocess.CompletedProcess[str]]:
     """`within(can_name, *parameters)`: a bridge that ends by itself, in this process."""
-    from hydro_hw_bridge import bridge_node
+    from hydro_hw_bridge.node import bridge_node
 
     monkeypatch.setattr(bridge_node, "on_end", lambda end: None)
     for name, value in _environment().items():

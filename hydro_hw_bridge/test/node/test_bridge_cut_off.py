@@ -19,10 +19,10 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.bus import Bus
-from hydro_hw_bridge.bus_open import open_bus
-from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.bus.bus import Bus
+from hydro_hw_bridge.bus.bus_open import open_bus
 from hydro_hw_bridge.faults.injection import AGE, WATCHDOG
+from hydro_hw_bridge.protocol.codec import Codec
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.device import Device
 from hydro_hw_bridge.rig.truth_files import load_truth

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.claims import GONE_S
+from hydro_hw_bridge.bus.claims import GONE_S
 
 pytestmark = pytest.mark.ros
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from hydro_hw_bridge.parameters import PARAMETERS, parameter_table
+from hydro_hw_bridge.node.parameters import PARAMETERS, parameter_table
 
 pytestmark = pytest.mark.ros
 

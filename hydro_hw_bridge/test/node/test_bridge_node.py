@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.calibration import Calibration, calibration_text, channels_hash
-from hydro_hw_bridge.supervision import READ_LATE
+from hydro_hw_bridge.core.supervision import READ_LATE
+from hydro_hw_bridge.protocol.calibration import Calibration, calibration_text, channels_hash
 
 pytestmark = pytest.mark.ros
 

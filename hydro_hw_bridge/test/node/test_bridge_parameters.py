@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.parameters import PARAMETERS, ParameterRule
+from hydro_hw_bridge.node.parameters import PARAMETERS, ParameterRule
 
 pytestmark = pytest.mark.ros
 CLEANUP, ACTIVATE, DEACTIVATE = 2, 3, 4

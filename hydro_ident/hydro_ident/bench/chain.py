@@ -16,9 +16,9 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from hydro_hw_bridge.bus_name import parse_bus
-from hydro_hw_bridge.bus_open import open_multicast, quiet_python_can
-from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.bus.bus_name import parse_bus
+from hydro_hw_bridge.bus.bus_open import open_multicast, quiet_python_can
+from hydro_hw_bridge.protocol.codec import Codec
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.device import Device
 from hydro_hw_bridge.rig.truth_files import load_truth
@@ -29,8 +29,8 @@ from hydro_model.robot_files import load_robot
 
 ROBOT, TRUTH, TIP_M = "xs031", "realistic", (2.0, 0.0, -1.2)
 #: Executables as their set-up files name them.
-BRIDGE = "hydro_hw_bridge.bridge_node"
-CONTROLLER = "hydro_control.node"
+BRIDGE = "hydro_hw_bridge.node.bridge_node"
+CONTROLLER = "hydro_control.node.node"
 #: Of the bridge, ms: what it takes at most, and what it has unless told otherwise.
 LARGEST_AGE_MS, MAX_AGE_MS = 50.0, 10.0
 TRIPPED = "tripped"

@@ -15,8 +15,8 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from hydro_hw_bridge.bus_open import open_bus
-from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.bus.bus_open import open_bus
+from hydro_hw_bridge.protocol.codec import Codec
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs import topics
 from hydro_msgs_docs.hot_loop import HotSubscription, HotWait

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hydro_control.answer import Answer
-from hydro_control.core import ControllerCore
+from hydro_control.core.answer import Answer
+from hydro_control.core.core import ControllerCore
 from hydro_control.gains import Gains
-from hydro_control.sample import Sample
+from hydro_control.state.sample import Sample
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.truth_files import load_truth
 from hydro_ident.bench.job import Row, against_limit, seconds_of

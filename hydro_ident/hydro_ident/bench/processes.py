@@ -10,7 +10,7 @@ from pathlib import Path
 
 from hydro_ident.errors import IdentError
 
-LIFECYCLE = "hydro_control.lifecycle_command"
+LIFECYCLE = "hydro_control.node.lifecycle_command"
 #: How long to wait for an end.
 _END_S = 10.0
 

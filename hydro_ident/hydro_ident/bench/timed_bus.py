@@ -9,9 +9,9 @@ from collections import OrderedDict, deque
 import can
 import numpy as np
 
-from hydro_hw_bridge.bus import Bus
-from hydro_hw_bridge.bus_name import BusName
-from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.bus.bus import Bus
+from hydro_hw_bridge.bus.bus_name import BusName
+from hydro_hw_bridge.protocol.codec import Codec
 from hydro_model.robot import FloatArray
 
 #: Cycles that may still be answered.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_control.motion_limits import TIP_SPEED_M_S
+from hydro_control.motion.motion_limits import TIP_SPEED_M_S
 from hydro_model.cylinder import lever, stroke
 from hydro_model.joint_ranges import limits as joint_limits
 from hydro_model.joint_ranges import middle

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_control.adaptation_settings import KINDS, AdaptationSettings
-from hydro_control.core import ControllerCore
+from hydro_control.adaptation.adaptation_settings import KINDS, AdaptationSettings
+from hydro_control.core.core import ControllerCore
 from hydro_control.gains import Gains
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.payload import Payload

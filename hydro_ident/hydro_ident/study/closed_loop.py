@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_control.core import ControllerCore, Sample
-from hydro_control.law import Output
+from hydro_control.core.core import ControllerCore, Sample
+from hydro_control.law.law import Output
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_ident.errors import IdentError
 from hydro_model.robot import FloatArray

@@ -28,7 +28,7 @@ from typing import Any
 
 import yaml
 
-from hydro_control.compensation_plan import plan
+from hydro_control.compensation.compensation_plan import plan
 from hydro_control.gains import Gains
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.random_truth import random_truth

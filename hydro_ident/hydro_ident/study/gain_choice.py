@@ -21,7 +21,7 @@ from itertools import product
 
 import numpy as np
 
-from hydro_control.core import ControllerCore
+from hydro_control.core.core import ControllerCore
 from hydro_control.gains import Gains
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.random_truth import random_truth

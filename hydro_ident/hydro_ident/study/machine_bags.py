@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hydro_control.core import ControllerCore
+from hydro_control.core.core import ControllerCore
 from hydro_control.gains import Gains
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.truth import Truth

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.faults import bus_injections
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, CONTENT, DEVICE, TRANSPORT, BusFault
 from hydro_hw_bridge.faults.injection import AGE, Injection
 from hydro_hw_bridge.faults.naming import Diagnosis
+from hydro_hw_bridge.protocol.codec import Codec
 from hydro_ident.study.faults.promised import AGE_MS, ALL_FRAMES_MS, WATCHDOG_MS
 from hydro_ident.study.faults.wall_bus import DRAWN, _judged
 from hydro_ident.study.faults.wall_outcomes import Judgement, WallOutcome

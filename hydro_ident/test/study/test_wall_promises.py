@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.faults.bus_injections import lost, sensor
 from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, Injection
 from hydro_hw_bridge.faults.measured_rig import record_of
 from hydro_hw_bridge.faults.naming import Diagnosis, Named
 from hydro_hw_bridge.faults.other_injections import machine
 from hydro_hw_bridge.faults.trial import Outcome
+from hydro_hw_bridge.protocol.codec import Codec
 from hydro_ident.study.faults.device_time import summary as device_summary
 from hydro_ident.study.faults.page import told
 from hydro_ident.study.faults.stage import Stage

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from hydro_control.core import ControllerCore, Sample
+from hydro_control.core.core import ControllerCore, Sample
 from hydro_control.gains import Gains
-from hydro_hw_bridge import bridge_step
 from hydro_hw_bridge.faults.command_faults import Command
+from hydro_hw_bridge.protocol import bridge_step
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import TipPath
 from hydro_model.robot import Robot

@@ -10,8 +10,8 @@ from hydro_hw_bridge.faults.injection import AT_ONCE
 from hydro_hw_bridge.faults.injections import drawn
 from hydro_hw_bridge.faults.trial import Outcome, Trial
 from hydro_hw_bridge.faults.wave import Wave
-from hydro_hw_bridge.gate_limits import GateLimits
-from hydro_hw_bridge.parameters import PARAMETERS
+from hydro_hw_bridge.gate.gate_limits import GateLimits
+from hydro_hw_bridge.node.parameters import PARAMETERS
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.truth_files import load_truth
 from hydro_ident.study.faults.controller import CoreCommander

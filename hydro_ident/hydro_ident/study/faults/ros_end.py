@@ -7,11 +7,11 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from hydro_hw_bridge.bridge_step import Sample
 from hydro_hw_bridge.faults.command_faults import CommandFault, Publisher
 from hydro_hw_bridge.faults.wave import Wave
-from hydro_hw_bridge.frames import Readings, Status
-from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.gate.gate_limits import GateLimits
+from hydro_hw_bridge.protocol.bridge_step import Sample
+from hydro_hw_bridge.protocol.frames import Readings, Status
 from hydro_ident.errors import IdentError
 from hydro_msgs_docs import topics
 from hydro_msgs_docs.messages import joint_state, stamp_ns

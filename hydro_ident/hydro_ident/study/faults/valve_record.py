@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from hydro_hw_bridge.faults.measured_rig import STATES
-from hydro_hw_bridge.gate_limits import GateLimits
-from hydro_hw_bridge.output_ramp import REENABLE_S
+from hydro_hw_bridge.gate.gate_limits import GateLimits
+from hydro_hw_bridge.gate.output_ramp import REENABLE_S
 from hydro_model.robot import FloatArray
 
 #: Half a step of the wire's voltage, twice: two rounded values.

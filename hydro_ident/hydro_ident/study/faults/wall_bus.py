@@ -7,11 +7,11 @@ from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 
-from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.faults import bus_injections
 from hydro_hw_bridge.faults.bus_faults import BusFault
 from hydro_hw_bridge.faults.injection import Injection
 from hydro_hw_bridge.faults.naming import Diagnosis
+from hydro_hw_bridge.protocol.codec import Codec
 from hydro_ident.errors import IdentError
 from hydro_ident.study.faults.promised import wall_ms
 from hydro_ident.study.faults.wall_outcomes import Judgement, WallOutcome, judgement, worst_of

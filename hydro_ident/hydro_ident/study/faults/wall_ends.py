@@ -13,7 +13,7 @@ from hydro_hw_bridge.faults.machine_faults import MISSING
 from hydro_hw_bridge.faults.measured_rig import ALL
 from hydro_hw_bridge.faults.naming import Named
 from hydro_hw_bridge.faults.other_injections import HARMLESS_SHOWS, SAID
-from hydro_hw_bridge.output_ramp import REENABLE_S
+from hydro_hw_bridge.gate.output_ramp import REENABLE_S
 from hydro_ident.study.faults.promised import AGE_MS, AT_ONCE_MS
 from hydro_ident.study.faults.stage import until
 from hydro_ident.study.faults.wall_outcomes import Judgement, WallOutcome, worst_of

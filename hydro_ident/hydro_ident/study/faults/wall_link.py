@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 
+from hydro_hw_bridge.bus.simulated_faults import INTERFACE, begun_ns
 from hydro_hw_bridge.faults.bus_faults import LINK
 from hydro_hw_bridge.faults.naming import Named
-from hydro_hw_bridge.simulated_faults import INTERFACE, begun_ns
 from hydro_ident.errors import IdentError
 from hydro_ident.study.faults.promised import WATCHDOG_MS
 from hydro_ident.study.faults.stage import until

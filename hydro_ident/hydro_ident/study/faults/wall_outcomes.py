@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from hydro_hw_bridge.core.supervision import READ_LATE
 from hydro_hw_bridge.faults.bus_injections import NOTHING_HEARD, TOO_OLD
-from hydro_hw_bridge.supervision import READ_LATE
 from hydro_ident.study.faults.stage import Stage
 
 #: Reasons of trips that a stall of any process on the way makes.

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from hydro_hw_bridge.faults.naming import Diagnosis, Named
-from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.gate.gate_limits import GateLimits
 from hydro_ident.errors import IdentError
 from hydro_ident.study.faults.promised import ALL_FRAMES_MS
 from hydro_ident.study.faults.ros_end import ACTIVATE, CONFIGURE, RosEnd

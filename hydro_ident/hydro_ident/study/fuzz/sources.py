@@ -16,7 +16,7 @@ FOLDERS = (
 )
 MODULES = {
     "hydro_ident/hydro_ident": ("commands/inspect",),
-    "hydro_hw_bridge/hydro_hw_bridge": ("codec", "e2e", "layout", "mapping", "signals"),
+    "hydro_hw_bridge/hydro_hw_bridge/protocol": ("codec", "e2e", "layout", "mapping", "signals"),
     "hydro_msgs_docs/hydro_msgs_docs": ("cdr",),
     "ros2_ws/src/hydro_model/hydro_model": (
         *("fields", "robot", "robot_checks", "robot_files", "safe_yaml", "urdf", "urdf_xml"),

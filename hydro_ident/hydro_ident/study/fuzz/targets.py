@@ -97,19 +97,19 @@ def _urdf(path: Path) -> None:
 
 def shipped_mapping() -> Path:
     """The mapping that is shipped for the reference crane; its DBC lies beside it."""
-    from hydro_hw_bridge.shipped_mapping import default_mapping
+    from hydro_hw_bridge.protocol.shipped_mapping import default_mapping
 
     return default_mapping(NAME)
 
 
 def _dbc(path: Path) -> None:
-    from hydro_hw_bridge.codec import Codec
+    from hydro_hw_bridge.protocol.codec import Codec
 
     Codec.load(path, shipped_mapping(), _robot())
 
 
 def _mapping(path: Path) -> None:
-    from hydro_hw_bridge.codec import Codec
+    from hydro_hw_bridge.protocol.codec import Codec
 
     shutil.copy(shipped_mapping().with_name(f"{NAME}.dbc"), path.parent)
     Codec.load(None, path, _robot())

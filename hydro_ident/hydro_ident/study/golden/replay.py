@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from hydro_control.adaptation_settings import KINDS, AdaptationSettings
-from hydro_control.core import ControllerCore
+from hydro_control.adaptation.adaptation_settings import KINDS, AdaptationSettings
+from hydro_control.core.core import ControllerCore
 from hydro_control.gains import Gains
-from hydro_control.sample import Sample
+from hydro_control.state.sample import Sample
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import RECORDING_TOPICS, Recording, recording_of
 from hydro_ident.errors import IdentError

@@ -79,46 +79,66 @@ class Harmless:
 
 TARGETS: tuple[Target, ...] = (
     *(
-        Target(name, f"hydro_hw_bridge.{name}", (f"{_TEST}/gate",))
+        Target(name, f"hydro_hw_bridge.gate.{name}", (f"{_TEST}/gate",))
         for name in ("gate", "gate_limits", "permissives", "amplifier_watch", "output_ramp")
     ),
     Target(
         "plausibility",
-        "hydro_hw_bridge.plausibility",
+        "hydro_hw_bridge.monitoring.plausibility",
         (f"{_TEST}/test_plausibility.py", f"{_TEST}/test_plausibility_limits.py"),
     ),
-    Target("side_readings", "hydro_hw_bridge.side_readings", (f"{_TEST}/test_side_readings.py",)),
+    Target(
+        "side_readings",
+        "hydro_hw_bridge.monitoring.side_readings",
+        (f"{_TEST}/test_side_readings.py",),
+    ),
     *(
         Target(
             name,
-            f"hydro_hw_bridge.{name}",
+            f"hydro_hw_bridge.core.{name}",
             tuple(f"{_TEST}/test_{test}.py" for test in (*_CORE, "watchdogs", "period_watch")),
         )
         for name in _CORE
     ),
-    Target("period_watch", "hydro_hw_bridge.period_watch", (f"{_TEST}/test_period_watch.py",)),
-    Target("valve_echo", "hydro_hw_bridge.valve_echo", (f"{_TEST}/test_valve_echo.py",)),
-    Target("held_voltages", "hydro_hw_bridge.held_voltages", (f"{_TEST}/test_held_voltages.py",)),
-    Target("bridge_turns", "hydro_hw_bridge.bridge_turns", (f"{_TEST}/test_bridge_turns.py",)),
-    Target("bus_health", "hydro_hw_bridge.bus_health", (f"{_TEST}/test_bus_health.py",)),
-    Target("link", "hydro_hw_bridge.link", (f"{_TEST}/test_watchdogs.py",)),
+    Target(
+        "period_watch",
+        "hydro_hw_bridge.monitoring.period_watch",
+        (f"{_TEST}/test_period_watch.py",),
+    ),
+    Target(
+        "valve_echo", "hydro_hw_bridge.monitoring.valve_echo", (f"{_TEST}/test_valve_echo.py",)
+    ),
+    Target(
+        "held_voltages", "hydro_hw_bridge.gate.held_voltages", (f"{_TEST}/test_held_voltages.py",)
+    ),
+    Target(
+        "bridge_turns", "hydro_hw_bridge.core.bridge_turns", (f"{_TEST}/test_bridge_turns.py",)
+    ),
+    Target("bus_health", "hydro_hw_bridge.bus.bus_health", (f"{_TEST}/test_bus_health.py",)),
+    Target("link", "hydro_hw_bridge.bus.link", (f"{_TEST}/test_watchdogs.py",)),
     Target("amplifier", "hydro_hw_bridge.rig.amplifier", (f"{_TEST}/test_rig_amplifier.py",)),
-    Target("assembler", "hydro_hw_bridge.assembler", (f"{_TEST}/test_assembler.py",)),
-    Target("e2e", "hydro_hw_bridge.e2e", (f"{_TEST}/test_e2e.py",)),
-    Target("sample_clock", "hydro_hw_bridge.sample_clock", (f"{_TEST}/test_sample_clock.py",)),
-    Target("claims", "hydro_hw_bridge.claims", (f"{_TEST}/test_claims.py",)),
-    Target("own_frames", "hydro_hw_bridge.own_frames", (f"{_TEST}/test_valve_frames.py",)),
+    Target("assembler", "hydro_hw_bridge.protocol.assembler", (f"{_TEST}/test_assembler.py",)),
+    Target("e2e", "hydro_hw_bridge.protocol.e2e", (f"{_TEST}/test_e2e.py",)),
+    Target(
+        "sample_clock", "hydro_hw_bridge.protocol.sample_clock", (f"{_TEST}/test_sample_clock.py",)
+    ),
+    Target("claims", "hydro_hw_bridge.bus.claims", (f"{_TEST}/test_claims.py",)),
+    Target("own_frames", "hydro_hw_bridge.bus.own_frames", (f"{_TEST}/test_valve_frames.py",)),
     Target(
         "runaway",
-        "hydro_control.runaway",
+        "hydro_control.monitoring.runaway",
         ("hydro_control/test/test_runaway.py", "hydro_control/test/test_runaway_edges.py"),
     ),
-    Target("doubtful", "hydro_control.doubtful", ("hydro_control/test/test_doubtful.py",)),
-    Target("stamps", "hydro_control.stamps", ("hydro_control/test/test_stamps.py",)),
     Target(
-        "winding_down", "hydro_control.winding_down", ("hydro_control/test/test_winding_down.py",)
+        "doubtful", "hydro_control.compensation.doubtful", ("hydro_control/test/test_doubtful.py",)
     ),
-    Target("applied", "hydro_control.applied", ("hydro_control/test/test_applied.py",)),
+    Target("stamps", "hydro_control.monitoring.stamps", ("hydro_control/test/test_stamps.py",)),
+    Target(
+        "winding_down",
+        "hydro_control.core.winding_down",
+        ("hydro_control/test/test_winding_down.py",),
+    ),
+    Target("applied", "hydro_control.monitoring.applied", ("hydro_control/test/test_applied.py",)),
     Target(
         "device",
         "hydro_hw_bridge.rig.device",

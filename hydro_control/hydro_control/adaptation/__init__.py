@@ -1,0 +1,1 @@
+"""Online adaptation: what is estimated beside a fixed model while it drives."""

@@ -1,0 +1,1 @@
+"""Compensation of the effects that a model file lists."""

@@ -1,0 +1,1 @@
+"""The controller without ROS: samples in, answers out."""

@@ -1,0 +1,422 @@
+"""The controller without ROS: samples in, answers out, one answer per stamp.
+
+What it answers depends on the samples and requests alone, never on a clock, so a recording fed
+to it again gives the same answers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from hydro_control.adaptation.adaptation_settings import AdaptationSettings
+from hydro_control.core.answer import Answer, Counts
+from hydro_control.core.warm_up import warm_up
+from hydro_control.errors import NUMERICAL_ERRORS, ControlError
+from hydro_control.gains import Gains
+from hydro_control.law.law import ControlLaw
+from hydro_control.law.output import Output
+from hydro_control.monitoring.applied import AppliedWatch
+from hydro_control.monitoring.following_error import FollowingLimits, FollowingWatch
+from hydro_control.monitoring.runaway import RunawayLimits, RunawayWatch
+from hydro_control.monitoring.stamps import StampWatch
+from hydro_control.motion.asking import ask_path, ask_trajectory
+from hydro_control.motion.motion_limits import TIP_SPEED_M_S
+from hydro_control.motion.path_limits import same_start, start_of_path
+from hydro_control.motion.reference_run import ReferenceRun, Standing
+from hydro_control.motion.required_motion import Reference
+from hydro_control.motion.trajectory import Waypoint
+from hydro_control.state.sample import Sample
+from hydro_control.state.sensor_correction import SensorCorrection
+from hydro_model.errors import RobotError, in_short
+from hydro_model.paths import JointPath, TipPath
+from hydro_model.robot import FloatArray, Robot
+
+__all__ = ["Answer", "ControllerCore", "Counts", "Sample"]
+
+_SECOND_NS = 1_000_000_000
+
+
+@dataclass
+class ControllerCore:
+    """The controller of one robot.
+
+    Listed effects of instruments are taken off every sample before anything looks at it: the
+    reference, and what is published of it, are in true positions.
+
+    `counts` and `message` are what the core says of itself: they start empty.
+
+    Parameters
+    ----------
+    robot : Robot
+    gains : Gains
+    path : TipPath or JointPath, optional
+        Played from the first sample on. What holds from every pose is checked at once, the rest
+        from the pose of that sample where this makes a difference.
+    start_delay_s : float
+        Hold before the path.
+    adaptation : AdaptationSettings, optional
+        Off by default.
+    tip_speed_m_s : float
+        Paths beyond it are refused, faster required motion is slowed.
+    runaway : RunawayLimits, optional
+        What measured motion ends in 0 V until `restart`; by default the shipped limits.
+    following : FollowingLimits, optional
+        From when on an arm does not follow: its motion is dropped and it is held where it is, or,
+        where it was only held, at 0 V until `restart`; by default the shipped limits.
+    checks_beside : bool
+        Hold until somebody beside the samples' thread has called `check_waiting_path`; by default
+        the answer to the first sample takes as long as the check.
+
+    Raises
+    ------
+    ControlError, RobotError
+        The robot cannot be controlled, or not follow the path.
+    """
+
+    robot: Robot
+    gains: Gains
+    path: TipPath | JointPath | None = None
+    start_delay_s: float = 0.0
+    adaptation: AdaptationSettings | None = None
+    tip_speed_m_s: float = TIP_SPEED_M_S
+    runaway: RunawayLimits = field(default_factory=RunawayLimits)
+    following: FollowingLimits = field(default_factory=FollowingLimits)
+    checks_beside: bool = False
+    counts: Counts = field(default_factory=Counts)
+    message: str = ""
+
+    def __post_init__(self) -> None:
+        self.law = ControlLaw(
+            self.robot,
+            self.gains,
+            adaptation=self.adaptation,
+            tip_speed_m_s=self.tip_speed_m_s,
+        )
+        self._stamps = StampWatch(self.law.dt_s)
+        self._sensors = SensorCorrection(self.robot, self.law.plan.active)
+        self._run: ReferenceRun | None = None
+        self._last: Answer | None = None
+        self._adaptation_reset = False
+        self._watch = AppliedWatch(np.array([v.rated_voltage_v for v in self.robot.valves]))
+        self._runaway = RunawayWatch(self.robot, self.law.limits, self.runaway, self.law.dt_s)
+        self._following = FollowingWatch(self.robot, self.following)
+        self._path_checked_from: FloatArray | None = None
+        if self.path is not None:
+            limits = self.law.robot, self.path, self.tip_speed_m_s
+            self._path_checked_from = start_of_path(*limits)
+        warm_up(self.law)
+
+    def restart(self) -> None:
+        """Forget everything: the next sample is the first."""
+        self.law.reset()
+        if self.law.adaptation is not None:
+            self.law.adaptation.reset()
+        if self._run is not None:
+            self._run.over = True
+        self._run, self._last = None, None
+        self._adaptation_reset = False
+        self._watch.clear()
+        self._runaway.forget()
+        self._following.forget()
+        self._stamps.forget()
+        self.message = ""
+
+    @property
+    def base_frame(self) -> str:
+        """Name of the frame that tip positions are in."""
+        return self.robot.joints[0].parent_link
+
+    @property
+    def last(self) -> Answer | None:
+        """The newest answer."""
+        return self._last
+
+    @property
+    def silent(self) -> str:
+        """Why no sample is answered any more, until `restart`; empty where they are."""
+        return self._stamps.gone_back
+
+    @property
+    def moving(self) -> bool:
+        """A path or trajectory is being played."""
+        run = self._run
+        return run is not None and run.moving and not self.silent
+
+    def answer(self, sample: Sample) -> Answer | None:
+        """Answer a sample.
+
+        Parameters
+        ----------
+        sample : Sample
+
+        Returns
+        -------
+        Answer or None
+            The same object again for the newest stamp, None for an older one and once `silent`.
+        """
+        if self.silent:
+            return None
+        last = self._last
+        if last is not None and sample.stamp_ns < last.stamp_ns:
+            self.counts.old += 1
+            self._stamps.older((last.stamp_ns - sample.stamp_ns) / _SECOND_NS)
+            return None
+        if last is not None and self._is_again(sample.stamp_ns, last):
+            self.counts.repeated += 1
+            return last
+        if self._adaptation_reset and self.law.adaptation is not None:
+            self.law.adaptation.reset(used=False)
+        self._adaptation_reset = False
+        if not self._watch.settled and self.law.adaptation is not None:
+            self.law.adaptation.forget()  # nothing is learnt from commands without effect
+        sample = self._sensors.corrected(sample)
+        gauge = sample.gauge(self.robot)
+        reference = self._reference(sample)
+        now_s = 0.0 if self._run is None else self._run.now_s
+        if fault := self._fault:
+            output = self.law.stopped(sample.q, reference, fault)
+        else:
+            output = self.law.step(now_s, sample.q, *gauge, reference, self._ahead())
+            self._look_behind(sample.q, output)
+        self._count(sample.stamp_ns, output)
+        moving = any(reference.velocity.tolist())
+        if self._run is not None:
+            self._run.moved = self._run.moved or moving
+        self._watch.commanded(sample.stamp_ns, output.voltage_v, moving=moving)
+        self._last = Answer(sample.stamp_ns, output, reference)
+        return self._last
+
+    def _is_again(self, stamp_ns: int, last: Answer) -> bool:
+        """Whether a stamp is the newest one, or of no later instant as far as seconds tell."""
+        run = self._run
+        return stamp_ns == last.stamp_ns or (run is not None and not run.is_later(stamp_ns))
+
+    def _guard(self, run: ReferenceRun) -> None:
+        """Judge the measured motion; what runs away is at 0 V until `restart`."""
+        watch = self._runaway
+        fault = watch.judge(run.now_s, run.q, driven=not self._watch.withheld)
+        self.law.let_beyond(watch.lower, watch.upper)
+        if fault:
+            run.hold()
+            run.anew = False
+
+    @property
+    def _fault(self) -> str:
+        """Why the valves are at 0 V until `restart`; empty where they are not."""
+        return self._following.fault or self._runaway.fault or self._stamps.other_rate
+
+    def _look_behind(self, q: FloatArray, output: Output) -> None:
+        """An arm that does not follow is held where it is, from the next sample on."""
+        run, watch = self._run, self._following
+        if run is None or output.fault:
+            return
+        if why := watch.judge(run.now_s, q, output.q_d, run.epoch, held=run.held):
+            run.hold()
+            run.anew = False
+            if not watch.fault:
+                self.counts.not_followed += 1
+                lost = f"the motion was dropped, as {why}"
+                self.message = f"holding: {lost}: it runs against something, or lacks the force"
+
+    def _ahead(self) -> Reference | None:
+        """The reference at the instant that the law looks ahead to."""
+        if self._run is None or self.law.lead_s == 0.0:
+            return None
+        return self._run.ahead(self.law.lead_s)
+
+    def applied(self, stamp_ns: int, voltage_v: FloatArray) -> None:
+        """What the valves got at a stamp; changes nothing as long as that was the command.
+
+        Where the commands are withheld the reference stays with the robot. Once they are applied
+        again it is held there; a path of which nothing was driven yet starts anew.
+
+        Parameters
+        ----------
+        stamp_ns : int
+        voltage_v : (m,) array
+            In the robot's order.
+        """
+        self._watch.applied(stamp_ns, voltage_v)
+        self.counts.withheld = self._watch.count
+
+    def _reference(self, sample: Sample) -> Reference:
+        """The reference at a sample; one that is not finite starts nothing and is none seen."""
+        run, finite = self._run, sample.is_finite
+        if run is None:
+            if not finite:
+                still = np.zeros_like(sample.q)
+                return Reference("joint", sample.q, still, still)
+            run = self._run = self._first(sample)
+        run.advance(sample.stamp_ns)
+        since_s = run.now_s
+        if finite:
+            since_s = run.see(sample.q)
+            self._guard(run)
+        if self._watch.withheld:
+            if run.follow(moved=self._watch.moved):
+                self.message = "the valves do not get the commands: staying with the robot's pose"
+        elif run.following:
+            self.message = ""
+            self._resume(run, "the valves did not get the commands")
+        elif self._stamps.is_gap(run.now_s - since_s):
+            run.follow(moved=run.moved, since_s=since_s)
+            self._resume(run, f"no usable sample came for {run.now_s - since_s:.3f} s")
+        return run.reference()
+
+    def _first(self, sample: Sample) -> ReferenceRun:
+        """Capture the pose, and start the path from it."""
+        # What a listed load or tilt asks of the cylinders counts for what they can hold.
+        run = ReferenceRun.begin(self.law.robot, sample, self.tip_speed_m_s)
+        self._play_path(run)
+        return run
+
+    def _play_path(self, run: ReferenceRun) -> None:
+        if self.path is None:
+            return
+        checked = same_start(self.law.robot, self.path, self._path_checked_from, run.q)
+        if self.checks_beside and not checked:
+            run.path_waits, self.message = True, ""
+            return
+        try:
+            run.play_path(self.path, self.start_delay_s, checked=checked)
+            self.message = ""
+        except (ControlError, *NUMERICAL_ERRORS) as error:
+            self._refuse_path(error)
+
+    def _refuse_path(self, error: Exception) -> None:
+        self.counts.refused += 1
+        self.message = f"path refused, holding: {error}"
+
+    @property
+    def path_waits(self) -> bool:
+        """`check_waiting_path` has something to do."""
+        run = self._run
+        return run is not None and run.path_waits and run.pending is None and not self.silent
+
+    def check_waiting_path(self) -> None:
+        """Check the path from where the machine stands, and have it played if it can be.
+
+        To be called from another thread than that of the samples, which holds meanwhile.
+        """
+        run = self._run
+        if run is None or self.path is None:
+            return
+        try:
+            ask_path(run, self.path, self.start_delay_s)
+        except ControlError as error:
+            if run is self._run:
+                self._refuse_path(error)
+
+    def _resume(self, run: ReferenceRun, why: str) -> None:
+        """Commands have an effect again: hold here; who wants a motion asks for it anew."""
+        run.following = False
+        if run.anew and self.path is not None:
+            self._play_path(run)
+        elif run.dropped:
+            self.message = f"holding: the motion was dropped, as {why}"
+
+    def _count(self, stamp_ns: int, output: Output) -> None:
+        if self._last is not None:
+            apart_s = (stamp_ns - self._last.stamp_ns) / _SECOND_NS
+            self._stamps.follows(apart_s)
+            self.counts.missed += max(0, round(apart_s / self.law.dt_s) - 1)
+        self.counts.answered += 1
+        self.counts.faults += bool(output.fault)
+
+    def wind_down(self) -> FloatArray:
+        """The next voltage on the way to 0 V within the slew limit."""
+        return self.law.wind_down()
+
+    @property
+    def standing(self) -> Standing | None:
+        """Where the reference stands now; None before the first sample."""
+        return None if self._run is None else self._run.standing
+
+    def request_stop(self) -> None:
+        """Come to rest at the next sample, and end what is being checked.
+
+        May be called from another thread.
+        """
+        run = self._run
+        if run is not None:
+            run.ask_stop()
+
+    def request_adaptation_reset(self) -> None:
+        """Start the estimates anew at the next sample. May be called from another thread.
+
+        What the law uses goes back to the model at its usual pace.
+
+        Raises
+        ------
+        ControlError
+            Nothing is adapted.
+        """
+        if self.law.adaptation is None:
+            raise ControlError("adaptation is off, nothing to reset")
+        self._adaptation_reset = True
+
+    def request_trajectory(
+        self,
+        space: Literal["tip", "joint"],
+        names: Sequence[str],
+        waypoints: Sequence[Waypoint],
+        start_ns: int = 0,
+        standing: Standing | None = None,
+    ) -> None:
+        """Play a trajectory from the next sample on. May be called from another thread.
+
+        Parameters
+        ----------
+        space : {"tip", "joint"}
+        names : sequence of str
+        waypoints : sequence of Waypoint
+            Empty: come to rest.
+        start_ns : int
+            Stamp to start at, up to `asking.MOST_AHEAD_S` ahead; 0 for now.
+        standing : Standing, optional
+            `standing` when it was asked for; by default now. What was stopped, or set the
+            reference anew, between then and the end of its check is not followed by it.
+
+        Raises
+        ------
+        ControlError
+            It is refused: why.
+        """
+        run = self._run
+        if run is None:
+            raise self.refusal("no sample has come yet")
+        if not waypoints:
+            run.ask_stop()
+            return
+        standing = run.standing if standing is None else standing
+        if stopped := self.silent or self._fault:
+            raise self.refusal(f"the controller stopped: {stopped}")
+        try:
+            ask_trajectory(standing, space, names, waypoints, start_ns)
+        except (ControlError, RobotError) as error:
+            raise self.refusal(str(error)) from error
+        # Whatever was overlooked above, memory included: the arm is held on, only this request is
+        # not played.
+        except Exception as error:
+            raise self.refusal(f"it cannot be computed: {in_short(error)}") from error
+        self.message = ""
+
+    def refusal(self, why: str) -> ControlError:
+        """Count a trajectory that is not played, and say so until the next one is.
+
+        Parameters
+        ----------
+        why : str
+
+        Returns
+        -------
+        ControlError
+            To be raised by whoever was asked for it.
+        """
+        self.counts.refused += 1
+        self.message = f"trajectory refused: {why}"
+        return ControlError(self.message)

@@ -1,0 +1,1 @@
+"""The control law, compiled and as one reads it."""

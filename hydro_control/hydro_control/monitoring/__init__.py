@@ -1,0 +1,1 @@
+"""What is watched while the law answers: motion, following, applied voltages, stamps."""

@@ -1,0 +1,1 @@
+"""The motion that is asked for: references, their paths, and what no motion may exceed."""

@@ -1,0 +1,1 @@
+"""The node around the core, and the commands that speak to it."""

@@ -1,0 +1,1 @@
+"""The state of the machine at a sample: what is measured, corrected, filtered and predicted."""

@@ -1,0 +1,1 @@
+"""Before a machine is driven: its bus made from a robot file, its calibration."""

@@ -1,0 +1,1 @@
+"""The safety gate: the only way from a command to the valves."""

@@ -1,0 +1,1 @@
+"""The node around the core: threads, publishers, parameters, diagnostics."""
