@@ -1,0 +1,114 @@
+"""Packages import one way: each only what stands before it in the order of the work."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+#: Where packages lie whose parts have an order.
+FOLDERS = {n: ROOT / n / n for n in ("hydro_hw_bridge", "hydro_control", "hydro_ident")}
+#: Parts of packages, packages and modules, as architecture.md has them.
+ORDERS: Mapping[str, Sequence[str]] = {
+    "hydro_hw_bridge": (
+        *("errors", "endings", "protocol", "bus", "gate", "monitoring", "core", "node"),
+        *("commissioning", "rig", "faults"),
+    ),
+    "hydro_control": (
+        *("errors", "gains", "state", "motion", "compensation", "adaptation", "law"),
+        *("monitoring", "core", "node"),
+    ),
+    "hydro_ident": (
+        *("errors", "everyday_units", "json_numbers", "transducers", "optional", "bag", "logs"),
+        *("robots", "inspecting", "estimate", "parameters", "recordings", "rollouts", "design"),
+        *("identify", "mismatch", "report", "commands", "study", "bench"),
+    ),
+    "hydro_ident.estimate": (
+        *("bodies", "statistics", "signals", "forces", "flows", "scoring", "effects"),
+    ),
+    "hydro_ident.mismatch": (
+        *("settings", "rows", "fitting", "trials", "split", "locating", "naming", "verifying"),
+        *("modelling", "unnamed", "answer"),
+    ),
+}
+#: Packages of which the map names every module of every part, but for parts that it tells apart.
+MAPPED = ("hydro_hw_bridge", "hydro_control")
+_APART = ("rig", "faults")
+
+
+def folder_of(package: str) -> Path:
+    """Where a package lies, by its dotted name."""
+    top, *below = package.split(".")
+    return FOLDERS[top].joinpath(*below)
+
+
+def imported(path: Path, package: str) -> set[str]:
+    """Parts of a package that a module imports from, at its head or in functions."""
+    prefix = f"{package}."
+    names = set[str]()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            assert node.module, f"{path}: relative imports hide what they reach"
+            assert not node.level, f"{path}: relative imports hide what they reach"
+            # `from package import part` names the part last.
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+    return {n.removeprefix(prefix).split(".")[0] for n in names if n.startswith(prefix)}
+
+
+def too_early(folder: Path, package: str, order: Sequence[str]) -> dict[str, set[str]]:
+    """Modules of a package that import what stands behind their part in the order, and what."""
+    found = {}
+    for place, part in enumerate(order):
+        for path in (*(folder / part).rglob("*.py"), *folder.glob(f"{part}.py")):
+            if late := imported(path, package) - set(order[: place + 1]):
+                found[str(path.relative_to(folder))] = late
+    return found
+
+
+@pytest.mark.parametrize("package", ORDERS)
+def test_a_part_imports_what_stands_before_it(package: str) -> None:
+    assert too_early(folder_of(package), package, ORDERS[package]) == {}
+
+
+@pytest.mark.parametrize("package", ORDERS)
+def test_every_part_has_its_place(package: str) -> None:
+    folder = folder_of(package)
+    folders = {p.parent.name for p in folder.glob("*/__init__.py")}
+    files = {p.stem for p in folder.glob("*.py")} - {"__init__"}
+    assert sorted(folders | files) == sorted(ORDERS[package])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "from one.late import thing",
+        "from one.late.deep import thing",
+        "from one import early, late",
+        "import one.late.deep as deep",
+        "def f():\n    from one.late import thing",
+    ],
+)
+def test_an_import_against_the_order_is_told(text: str, tmp_path: Path) -> None:
+    (tmp_path / "early").mkdir()
+    (tmp_path / "early/module.py").write_text(f"from one.early import other\n{text}\n")
+    (tmp_path / "late.py").write_text("from one.early.module import thing\nimport other.late\n")
+    assert too_early(tmp_path, "one", ("early", "late")) == {"early/module.py": {"late"}}
+    assert too_early(tmp_path, "one", ("late", "early")) == {"late.py": {"early"}}
+
+
+@pytest.mark.parametrize("package", MAPPED)
+def test_the_map_names_every_module(package: str) -> None:
+    text = (ROOT / "hydro_msgs_docs/architecture.md").read_text(encoding="utf-8")
+    row = rf"^\| \[`(\w+)/`\]\(\.\./{package}/{package}/\1/\) \| ((?:`\w+`(?:, )?)+) \|"
+    told = {part: set(re.findall(r"\w+", names)) for part, names in re.findall(row, text, re.M)}
+    folders = [part for part in ORDERS[package] if (FOLDERS[package] / part).is_dir()]
+    assert list(told) == [part for part in folders if part not in _APART]
+    for part, names in told.items():
+        found = {p.stem for p in (FOLDERS[package] / part).glob("*.py")} - {"__init__"}
+        assert names == found, part
