@@ -21,8 +21,8 @@ _KEPT = 16
 _PASSING = "hydro_model_kernels_"
 
 #: Packages with kernels that take constants and kernels from several of their files; in others
-#: each takes what is in its own file and in this package.
-_WITH_KERNELS = ("hydro_control", "hydro_hw_bridge")
+#: each takes what is in its own file and in `hydro_model`.
+_WITH_KERNELS = ("hydro_model", "hydro_control", "hydro_hw_bridge")
 
 
 def source_state() -> str:
@@ -36,10 +36,10 @@ def source_state() -> str:
 
 
 def _folders() -> list[Path]:
-    """Of this package and of those with kernels that are installed, without importing any."""
+    """Of the packages with kernels that are installed, without importing any."""
     found = [importlib.util.find_spec(name) for name in _WITH_KERNELS]
     places = [place for spec in found if spec for place in spec.submodule_search_locations or ()]
-    return [Path(__file__).parent, *map(Path, places)]
+    return [Path(place) for place in places]
 
 
 def use_user_cache() -> None:
