@@ -22,7 +22,7 @@ except BridgeError:
 # robot_name ROBOT: the name that a robot's file says.
 robot_name() {
   python -c 'import sys
-from hydro_model.command import run_command
+from hydro_model.command_line.command import run_command
 from hydro_model.robot_files import load_robot
 
 def name(arguments):
@@ -35,8 +35,8 @@ sys.exit(run_command("bringup", name))' "$1"
 # path_seconds PATH EXTRA: how long a path takes, and EXTRA seconds.
 path_seconds() {
   python -c 'import sys
-from hydro_model.command import run_command
-from hydro_model.paths import load_path
+from hydro_model.command_line.command import run_command
+from hydro_model.motion.paths import load_path
 
 def seconds(arguments):
     print(f"{load_path(arguments[0]).duration_s + float(arguments[1]):.3f}")
@@ -51,7 +51,7 @@ check_parameters() {
   python -c 'import sys
 from importlib import import_module
 from pathlib import Path
-from hydro_model.command import run_command
+from hydro_model.command_line.command import run_command
 
 def check(arguments):
     package, file, *given = arguments

@@ -14,11 +14,11 @@ from hydro_control.gains import Gains
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.random_truth import plain_truth
 from hydro_model.effects import CATALOGUE
-from hydro_model.kinematics import tip_position
-from hydro_model.rigid_body import inverse_dynamics, mass_matrix, regressor
+from hydro_model.effects.signals import SIGNAL_COUNT
+from hydro_model.multibody.kinematics import tip_position
+from hydro_model.multibody.rigid_body import inverse_dynamics, mass_matrix, regressor
 from hydro_model.robot_files import load_robot
-from hydro_model.signals import SIGNAL_COUNT
-from hydro_model.simulate import simulate
+from hydro_model.simulation.simulate import simulate
 
 POSE = (0.5, -1.5)
 

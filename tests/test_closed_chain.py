@@ -9,7 +9,7 @@ import pytest
 
 from hydro_hw_bridge.rig.plant import Plant
 from hydro_hw_bridge.rig.truth import CylinderTruth, Truth
-from hydro_model.rigid_body import inverse_dynamics, mass_matrix
+from hydro_model.multibody.rigid_body import inverse_dynamics, mass_matrix
 from hydro_model.robot import CylinderPart, Robot
 from hydro_model.robot_files import load_robot
 

@@ -15,7 +15,7 @@ from hydro_hw_bridge.rig.truth_files import load_truth
 from hydro_ident.recordings.metrics import TRUTH_HALF_WIDTH, Tracking, tracking
 from hydro_ident.study.closed_loop import run_closed_loop
 from hydro_ident.study.gain_choice import exact_model
-from hydro_model.paths import TipPath
+from hydro_model.motion.paths import TipPath
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 

@@ -17,11 +17,11 @@ from hydro_hw_bridge.node.parameter_file import check_parameter_file
 from hydro_hw_bridge.node.parameters import PARAMETERS
 from hydro_ident.robots.robot_check import check_robot
 from hydro_model.effects import resolve
-from hydro_model.paths import load_path
-from hydro_model.paths_check import check_path
+from hydro_model.effects.signals import PISTON_POSITION, PISTON_VELOCITY, SIGNAL_COUNT
+from hydro_model.motion.paths import load_path
+from hydro_model.motion.paths_check import check_path
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
-from hydro_model.signals import PISTON_POSITION, PISTON_VELOCITY, SIGNAL_COUNT
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = [

@@ -241,7 +241,7 @@ def test_effects_page_is_what_the_catalogue_prints() -> None:
 
 
 def test_method_page_has_the_base_parameters_of_the_reference_crane() -> None:
-    from hydro_model.base_parameters import base_map
+    from hydro_model.multibody.base_parameters import base_map
     from hydro_model.robot_files import load_robot
 
     base = base_map(load_robot("xs031"))

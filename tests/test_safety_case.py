@@ -272,8 +272,8 @@ def test_a_run_is_of_whatever_runs_in_it() -> None:
         "hydro_control/hydro_control/core/core.py",
         "hydro_control/hydro_control/law/law_kernels.py",
         "hydro_msgs_docs/hydro_msgs_docs/topics.py",
-        "ros2_ws/src/hydro_model/hydro_model/kinematics.py",
-        "ros2_ws/src/hydro_model/hydro_model/valve.py",
+        "ros2_ws/src/hydro_model/hydro_model/multibody/kinematics.py",
+        "ros2_ws/src/hydro_model/hydro_model/hydraulics/valve.py",
     ):
         assert path in device
     beside = set(wall) - set(device)
@@ -291,13 +291,15 @@ def test_changed_sources_are_told_by_folder_and_not_where_none_had_a_digest() ->
     paths = [f"hydro_hw_bridge/hydro_hw_bridge/part{k:02d}.py" for k in range(21)]
     paths += [
         "hydro_control/hydro_control/core/core.py",
-        "ros2_ws/src/hydro_model/hydro_model/urdf.py",
+        "ros2_ws/src/hydro_model/hydro_model/description/urdf.py",
     ]
     wall = committed()["wall_time"] | {"changed_since": paths}
     wall["sources"] = {paths[0]: "", paths[-2]: ""}
     text = told({"wall_time": wall})
     assert "Changed since that run: of `hydro_control/core` `core.py`; 21 sources of" in text
-    assert "no digests of `hydro_model`: whether these changed since is not known" in text
+    assert (
+        "no digests of `hydro_model/description`: whether these changed since is not known" in text
+    )
 
 
 def test_every_family_meets_both_clocks_and_both_publishers() -> None:

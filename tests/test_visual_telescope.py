@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
-from hydro_model.kinematics import link_frames
+from hydro_model.description.visual_joints import visual_joint_names, visual_joint_positions
+from hydro_model.multibody.kinematics import link_frames
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot, shipped_robots
-from hydro_model.visual_joints import visual_joint_names, visual_joint_positions
 from hydro_msgs_docs.visual_urdf import visual_urdf
 
 #: Of the cylinder, and of the joint that it pushes.

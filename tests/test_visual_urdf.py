@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 import yaml
 
-from hydro_model.closed_chain import part_places
-from hydro_model.cylinder import stroke
-from hydro_model.joint_ranges import limits
-from hydro_model.kinematics import link_frames, tip_position
-from hydro_model.robot import Robot
-from hydro_model.robot_files import load_robot, shipped_robots
-from hydro_model.visual_joints import (
+from hydro_model.description.visual_joints import (
     barrel_joint,
     rod_joint,
     visual_joint_names,
     visual_joint_positions,
 )
+from hydro_model.hydraulics.cylinder import stroke
+from hydro_model.multibody.closed_chain import part_places
+from hydro_model.multibody.joint_ranges import limits
+from hydro_model.multibody.kinematics import link_frames, tip_position
+from hydro_model.robot import Robot
+from hydro_model.robot_files import load_robot, shipped_robots
 from hydro_msgs_docs.rviz_files import rviz_view, state_publisher_parameters
 from hydro_msgs_docs.visual_command import main
 from hydro_msgs_docs.visual_node import VISUAL_JOINT_STATES, positions_of

@@ -16,10 +16,10 @@ from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 from hydro_control.motion.trajectory import Waypoint
 from hydro_control.node.trajectory_intake import TrajectoryIntake
-from hydro_model import paths_check
-from hydro_model.kinematics import tip_position
-from hydro_model.paths import JointPath
-from hydro_model.paths_segments import Quintic
+from hydro_model.motion import paths_check
+from hydro_model.motion.paths import JointPath
+from hydro_model.motion.paths_segments import Quintic
+from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot_files import load_robot
 
 ROBOT = load_robot("xs031")

@@ -16,12 +16,12 @@ from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 from hydro_control.law.law import ControlLaw
 from hydro_control.motion.required_motion import Reference
-from hydro_model.cylinder import lever, stroke
-from hydro_model.kinematics import tip_jacobian, tip_jacobian_rate
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.hydraulics.cylinder import lever, stroke
+from hydro_model.hydraulics.valve import valve_signal
+from hydro_model.multibody.kinematics import tip_jacobian, tip_jacobian_rate
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray
 from hydro_model.robot_files import load_robot
-from hydro_model.valve import valve_signal
 
 ROBOT = load_robot("xs031")
 DT = 0.002

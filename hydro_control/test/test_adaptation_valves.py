@@ -11,8 +11,8 @@ import pytest
 from hydro_control.adaptation.adaptation import Adaptation
 from hydro_control.adaptation.adaptation_settings import AdaptationSettings
 from hydro_control.compensation.compensation_plan import plan
-from hydro_model.cylinder import lever, stroke
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.hydraulics.cylinder import lever, stroke
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import Cylinder, EffectSpec, FloatArray, Valve
 from hydro_model.robot_files import load_robot
 

@@ -11,8 +11,8 @@ from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 from hydro_control.monitoring.applied import MOST_WITHHELD, AppliedWatch
 from hydro_control.motion.trajectory import Waypoint
-from hydro_model.paths import JointPath
-from hydro_model.paths_segments import Quintic
+from hydro_model.motion.paths import JointPath
+from hydro_model.motion.paths_segments import Quintic
 from hydro_model.robot import FloatArray
 from hydro_model.robot_files import load_robot
 

@@ -13,9 +13,9 @@ from hydro_control.monitoring.stamps import LONGEST_GAP_S
 from hydro_control.motion.asking import MOST_AHEAD_S
 from hydro_control.motion.trajectory import Waypoint
 from hydro_hw_bridge.protocol.sample_clock import SampleClock
-from hydro_model.kinematics import tip_position
-from hydro_model.paths import JointPath
-from hydro_model.paths_segments import Quintic
+from hydro_model.motion.paths import JointPath
+from hydro_model.motion.paths_segments import Quintic
+from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot import FloatArray
 from hydro_model.robot_files import load_robot
 

@@ -13,11 +13,11 @@ from hydro_control.gains import Gains
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.random_truth import random_truth
 from hydro_hw_bridge.rig.truth import Truth
-from hydro_model.paths import JointPath, Path, TipPath, load_path
-from hydro_model.paths_segments import Quintic
+from hydro_model.description.urdf import standard_parameters
+from hydro_model.motion.paths import JointPath, Path, TipPath, load_path
+from hydro_model.motion.paths_segments import Quintic
 from hydro_model.robot import EffectSpec, FloatArray, Robot
 from hydro_model.robot_files import load_robot
-from hydro_model.urdf import standard_parameters
 
 ROBOT = load_robot("xs031")
 SEED = 103

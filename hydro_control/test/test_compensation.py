@@ -19,16 +19,16 @@ from hydro_control.law.law import ControlLaw, Output
 from hydro_control.motion.required_motion import Reference
 from hydro_control.state.axes import axes_of
 from hydro_control.state.sensor_correction import SensorCorrection
-from hydro_model.cylinder import lever, stroke
 from hydro_model.effects import CATALOGUE, Readings, read_with, resolve
 from hydro_model.effects.targets import targets
-from hydro_model.kinematics import tip_position
-from hydro_model.paths import TipPath, load_path
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.hydraulics.cylinder import lever, stroke
+from hydro_model.hydraulics.valve import valve_signal
+from hydro_model.motion.paths import TipPath, load_path
+from hydro_model.multibody.kinematics import tip_position
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import EffectSpec, FloatArray, Robot
 from hydro_model.robot_files import load_robot
-from hydro_model.simulate_reference import reference_rates
-from hydro_model.valve import valve_signal
+from hydro_model.simulation.simulate_reference import reference_rates
 
 DATASHEET = load_robot("xs031")
 ROBOT = replace(

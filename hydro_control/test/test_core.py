@@ -12,16 +12,16 @@ from hydro_control.core.core import Answer, ControllerCore, Sample
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 from hydro_control.motion.trajectory import Waypoint
-from hydro_model.cylinder import lever, stroke
 from hydro_model.errors import RobotError
-from hydro_model.kinematics import tip_position
-from hydro_model.paths import JointPath, TipPath, load_path
-from hydro_model.paths_check import joints_at_tip
-from hydro_model.paths_segments import Quintic
-from hydro_model.rigid_body import forward_dynamics, inverse_dynamics
+from hydro_model.hydraulics.cylinder import lever, stroke
+from hydro_model.hydraulics.valve import edge_flows
+from hydro_model.motion.paths import JointPath, TipPath, load_path
+from hydro_model.motion.paths_check import joints_at_tip
+from hydro_model.motion.paths_segments import Quintic
+from hydro_model.multibody.kinematics import tip_position
+from hydro_model.multibody.rigid_body import forward_dynamics, inverse_dynamics
 from hydro_model.robot import EffectSpec, FloatArray, Robot
 from hydro_model.robot_files import load_robot
-from hydro_model.valve import edge_flows
 
 DATASHEET = load_robot("xs031")
 ROBOT = replace(

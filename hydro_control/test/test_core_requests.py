@@ -18,10 +18,10 @@ from hydro_control.motion.path_limits import same_start, start_of_path
 from hydro_control.motion.reference import ReferencePlayer
 from hydro_control.motion.trajectory import Waypoint
 from hydro_model.errors import RobotError
-from hydro_model.kinematics import tip_position
-from hydro_model.paths import JointPath, TipPath
-from hydro_model.paths_check import joints_at_tip
-from hydro_model.paths_segments import Quintic
+from hydro_model.motion.paths import JointPath, TipPath
+from hydro_model.motion.paths_check import joints_at_tip
+from hydro_model.motion.paths_segments import Quintic
+from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot import EffectSpec, FloatArray
 from hydro_model.robot_files import load_robot
 

@@ -28,7 +28,7 @@ from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.payload import Payload
 from hydro_hw_bridge.rig.truth import Truth
 from hydro_hw_bridge.rig.truth_files import load_truth
-from hydro_model.kinematics import tip_position
+from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
 

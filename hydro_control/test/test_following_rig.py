@@ -18,8 +18,8 @@ from hydro_hw_bridge.rig.payload import Payload
 from hydro_hw_bridge.rig.random_truth import random_truth
 from hydro_hw_bridge.rig.truth import Truth
 from hydro_hw_bridge.rig.truth_files import load_truth
-from hydro_model.kinematics import tip_position
-from hydro_model.paths import TipPath, load_path
+from hydro_model.motion.paths import TipPath, load_path
+from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot import FloatArray
 from hydro_model.robot_files import load_robot
 

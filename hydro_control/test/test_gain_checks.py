@@ -12,7 +12,7 @@ import yaml
 
 from hydro_control.gains import Gains
 from hydro_control.law.gain_checks import count_shares, gain_warnings
-from hydro_model.rigid_body import mass_matrix, required_torque
+from hydro_model.multibody.rigid_body import mass_matrix, required_torque
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 

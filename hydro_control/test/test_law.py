@@ -11,13 +11,13 @@ from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 from hydro_control.law.law import ControlLaw, Output
 from hydro_control.motion.required_motion import Reference, damped_inverse, required_motion
-from hydro_model.cylinder import lever, stroke
 from hydro_model.errors import RobotError
-from hydro_model.kinematics import tip_jacobian, tip_jacobian_rate, tip_position
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.hydraulics.cylinder import lever, stroke
+from hydro_model.hydraulics.valve import edge_flows, flow_term
+from hydro_model.multibody.kinematics import tip_jacobian, tip_jacobian_rate, tip_position
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
-from hydro_model.valve import edge_flows, flow_term
 
 DATASHEET = load_robot("xs031")
 ROBOT = replace(

@@ -32,7 +32,7 @@ from hydro_control.motion.required_motion import (
 from hydro_control.state.axes import Axis, axes_of
 from hydro_control.state.oil_columns import OilColumns
 from hydro_control.state.state import State
-from hydro_model.kinematics import tip_position
+from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
 

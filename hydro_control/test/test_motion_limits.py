@@ -35,11 +35,11 @@ from hydro_control.motion.motion_limits import (
 )
 from hydro_control.motion.required_motion import JointMotion, Reference, required_motion
 from hydro_control.state.axes import axes_of
-from hydro_model.cylinder import stroke
-from hydro_model.kinematics import tip_position, tip_state
-from hydro_model.paths import JointPath, TipPath
-from hydro_model.paths_segments import Quintic
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.hydraulics.cylinder import stroke
+from hydro_model.motion.paths import JointPath, TipPath
+from hydro_model.motion.paths_segments import Quintic
+from hydro_model.multibody.kinematics import tip_position, tip_state
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
 

@@ -13,10 +13,10 @@ from hydro_control.gains import Gains
 from hydro_control.motion.path_limits import refuse_beyond
 from hydro_control.motion.posture import is_redundant, posture_at_tip
 from hydro_control.motion.trajectory import Waypoint
-from hydro_model.cylinder import lever
 from hydro_model.errors import RobotError
-from hydro_model.kinematics import tip_jacobian, tip_position
-from hydro_model.paths import TipPath
+from hydro_model.hydraulics.cylinder import lever
+from hydro_model.motion.paths import TipPath
+from hydro_model.multibody.kinematics import tip_jacobian, tip_position
 from hydro_model.robot import Cylinder, FloatArray, Joint, Robot, Valve
 from hydro_model.robot_files import load_robot
 

@@ -10,7 +10,7 @@ import pytest
 from hydro_control.errors import ControlError
 from hydro_control.monitoring.runaway import BELIEVED, SPAN, RunawayLimits, RunawayWatch
 from hydro_control.motion.motion_limits import limits_of
-from hydro_model.kinematics import tip_position, tip_state
+from hydro_model.multibody.kinematics import tip_position, tip_state
 from hydro_model.robot import FloatArray
 from hydro_model.robot_files import load_robot
 

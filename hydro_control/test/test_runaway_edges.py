@@ -9,7 +9,7 @@ import pytest
 
 from hydro_control.monitoring.runaway import RunawayLimits, RunawayWatch
 from hydro_control.motion.motion_limits import limits_of
-from hydro_model.cylinder import lever
+from hydro_model.hydraulics.cylinder import lever
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
 

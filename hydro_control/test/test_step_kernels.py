@@ -20,7 +20,7 @@ from hydro_control.state.axes import axes_of
 from hydro_control.state.filters import FilteredDifference
 from hydro_control.state.oil_columns import OilColumns
 from hydro_control.state.state_reference import ReadableStateFilter
-from hydro_model.kinematics import tip_position
+from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot import EffectSpec, FloatArray, Robot
 from hydro_model.robot_files import load_robot
 

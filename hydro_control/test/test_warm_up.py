@@ -16,7 +16,7 @@ from numba.core.dispatcher import Dispatcher
 from hydro_control.core.core import ControllerCore, Sample
 from hydro_control.gains import Gains
 from hydro_control.motion.trajectory import Waypoint
-from hydro_model.kinematics import tip_position
+from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot
 

@@ -26,7 +26,7 @@ from hydro_hw_bridge.commissioning.calibration_steps import (
 from hydro_hw_bridge.errors import CalibrationError
 from hydro_hw_bridge.protocol.codec import Codec
 from hydro_hw_bridge.protocol.frames import CommandFrame
-from hydro_model.cylinder import lever
+from hydro_model.hydraulics.cylinder import lever
 from hydro_model.robot import Robot
 
 PATIENCE_S = 60.0

@@ -21,7 +21,7 @@ from hydro_hw_bridge.protocol.frames import Readings
 from hydro_hw_bridge.rig import device as device_module
 from hydro_hw_bridge.rig.command import run as run_rig
 from hydro_hw_bridge.rig.truth_log import part_of, read_truth_log
-from hydro_model.command import run_command
+from hydro_model.command_line.command import run_command
 
 pytestmark = pytest.mark.processes
 BUS = f"udp_multicast:239.74.163.2:{2_000 + (os.getpid() + 2_500) % 5_000}"

@@ -10,7 +10,7 @@ from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.plant import Plant, _pins
 from hydro_hw_bridge.rig.pose import joints_for_tip, tip_frame
 from hydro_hw_bridge.rig.truth import Truth
-from hydro_model.cylinder import stroke
+from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.robot import Cylinder, CylinderPart, FloatArray, Joint, Robot
 from hydro_model.robot_files import load_robot
 

@@ -15,7 +15,7 @@ from hydro_hw_bridge.gate.gate_limits import GateLimits
 from hydro_hw_bridge.protocol.bridge_step import ReadingCounters
 from hydro_hw_bridge.protocol.codec import Codec
 from hydro_hw_bridge.protocol.frames import Echo, Readings
-from hydro_model.cylinder import stroke
+from hydro_model.hydraulics.cylinder import stroke
 
 NAMES = ("lift_valve", "tilt_valve")
 LIMITS = GateLimits(NAMES, (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)

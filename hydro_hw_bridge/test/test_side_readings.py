@@ -17,7 +17,7 @@ from hydro_hw_bridge.monitoring.side_readings import SideWatch
 from hydro_hw_bridge.protocol.bridge_step import ReadingCounters
 from hydro_hw_bridge.protocol.codec import Codec
 from hydro_hw_bridge.protocol.frames import Readings
-from hydro_model.cylinder import joint_position, lever, stroke
+from hydro_model.hydraulics.cylinder import joint_position, lever, stroke
 
 Make = Callable[..., Readings]
 PERIOD_S = 0.002

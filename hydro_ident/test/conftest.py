@@ -186,8 +186,8 @@ def simulated_run(
 
     `scale` is that of the motion's amplitude, `pace` that of its time; `noisy` are the sensors.
     """
-    from hydro_model.cylinder import lever
-    from hydro_model.simulate import simulate
+    from hydro_model.hydraulics.cylinder import lever
+    from hydro_model.simulation.simulate import simulate
 
     step = PERIOD_NS * 1e-9
     time = np.arange(round(seconds / step) + 1) * step

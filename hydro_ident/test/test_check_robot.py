@@ -19,9 +19,9 @@ from hydro_ident.commands.check_robot import main
 from hydro_ident.report.robot_drawing import POSES
 from hydro_ident.robots.robot_check import ERROR, NOTE, WARNING, RobotCheck, check_robot
 from hydro_ident.robots.robot_ranges import drawn_poses
-from hydro_model.cylinder import lever, stroke
 from hydro_model.errors import RobotError
-from hydro_model.rigid_body import potential_energy
+from hydro_model.hydraulics.cylinder import lever, stroke
+from hydro_model.multibody.rigid_body import potential_energy
 from hydro_model.robot_files import load_robot, shipped_robots
 
 LARGEST_BYTES = 8_000_000

@@ -17,7 +17,7 @@ from hydro_ident.identify.identification import Identification, identify
 from hydro_ident.identify.survey import survey_source
 from hydro_ident.recordings.sources import MemorySource
 from hydro_model.robot import Robot
-from hydro_model.simulate import simulate
+from hydro_model.simulation.simulate import simulate
 
 pytestmark = pytest.mark.needs("clarabel")
 

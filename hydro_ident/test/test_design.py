@@ -32,11 +32,11 @@ from hydro_ident.estimate.flows.hydraulics import fit_hydraulics
 from hydro_ident.estimate.forces.inertial import fit_inertial, force_model, force_rows
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.parameters.parameters import parameter_list
-from hydro_model.joint_ranges import middle
-from hydro_model.paths_segments import Fourier
+from hydro_model.motion.paths_segments import Fourier
+from hydro_model.multibody.joint_ranges import middle
 from hydro_model.robot import EffectSpec, FloatArray, Robot
 from hydro_model.robot_files import load_robot
-from hydro_model.simulate import simulate
+from hydro_model.simulation.simulate import simulate
 
 
 def _noise(rng: np.random.Generator, count: int, rho: float) -> FloatArray:

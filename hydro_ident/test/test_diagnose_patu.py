@@ -19,7 +19,7 @@ from hydro_ident.logs.file import read_log
 from hydro_ident.mismatch.answer.diagnosis import diagnose
 from hydro_ident.mismatch.answer.outcome import Diagnosis
 from hydro_ident.recordings.sources import bag_source
-from hydro_model.cylinder import lever, stroke
+from hydro_model.hydraulics.cylinder import lever, stroke
 from hydro_model.robot_files import load_robot, shipped_robots
 
 FOLDER = "HYDRO_REAL_DATA"
@@ -65,7 +65,7 @@ def test_measured_length_and_pins_agree_to_a_centimetre_and_a_half(bag: Path) ->
 
 def test_the_static_force_is_that_of_the_nameplate(bag: Path) -> None:
     """Gravity by nameplate masses within 4 % of the pressures' force; gauge or absolute: 0.5 %."""
-    from hydro_model.rigid_body import inverse_dynamics
+    from hydro_model.multibody.rigid_body import inverse_dynamics
 
     robot = load_robot("patu655")
     recording = read_recording(bag, robot)

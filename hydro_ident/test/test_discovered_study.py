@@ -22,7 +22,7 @@ from hydro_ident.study.closed_loop import run_closed_loop
 from hydro_ident.study.discovered_summary import summary_lines, summary_of
 from hydro_ident.study.force_margin import Motion, force_margin, motion_along
 from hydro_ident.study.machine_bags import write_bag
-from hydro_model.paths import TipPath, load_path
+from hydro_model.motion.paths import TipPath, load_path
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot
 

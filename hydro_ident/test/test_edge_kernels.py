@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hydro_ident.estimate.flows.edge_kernels import integrate_edges
+from hydro_model.hydraulics.valve import edge_flows
 from hydro_model.robot_files import load_robot
-from hydro_model.valve import edge_flows
 
 
 @pytest.mark.parametrize("side_a", [True, False])

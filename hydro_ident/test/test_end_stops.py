@@ -16,8 +16,8 @@ from hydro_ident.estimate.scoring.scores import HoldOut
 from hydro_ident.estimate.signals.derivatives import FilterSettings, central_differences
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.mismatch.rows.laying import material_of
-from hydro_model.cylinder import lever, stroke
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.hydraulics.cylinder import lever, stroke
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot
 
 H, SECONDS = 0.002, 40.0

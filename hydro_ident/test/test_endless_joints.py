@@ -16,7 +16,7 @@ from hydro_ident.bag.recording import read_recording
 from hydro_ident.bag.streaming import stream_recordings
 from hydro_ident.bag.turns import without_turns
 from hydro_ident.commands.identify import run
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 

@@ -14,9 +14,9 @@ from hydro_ident.estimate.forces.inertial import InertialFit, fit_inertial, forc
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.identify.identified_robot import identified_robot
 from hydro_ident.identify.model_file import write_model
-from hydro_model.base_parameters import base_map
-from hydro_model.cylinder import lever, stroke
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.hydraulics.cylinder import lever, stroke
+from hydro_model.multibody.base_parameters import base_map
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import CylinderPart, FloatArray, Robot
 from hydro_model.robot_files import load_robot
 

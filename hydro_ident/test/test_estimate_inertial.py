@@ -22,8 +22,8 @@ from hydro_ident.estimate.forces.inertial import (
 from hydro_ident.estimate.signals.derivatives import FilterSettings, kept_samples
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.least_squares import Rows, weighted_least_squares
-from hydro_model.cylinder import lever, stroke
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.hydraulics.cylinder import lever, stroke
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot
 
 H = 0.002

@@ -17,8 +17,8 @@ from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.moments import LAGS, Moments
 from hydro_ident.estimate.statistics.rows import Rows
 from hydro_ident.transducers import zero_pa
-from hydro_model.cylinder import lever, stroke
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.hydraulics.cylinder import lever, stroke
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
 

@@ -9,7 +9,7 @@ import pytest
 
 from hydro_ident.identify.identification import Identification, Settings, identify
 from hydro_ident.study.synthetic import Noise, synthetic_recording, with_outliers
-from hydro_model.base_parameters import base_map
+from hydro_model.multibody.base_parameters import base_map
 from hydro_model.robot import Robot
 
 pytestmark = pytest.mark.needs("clarabel")

@@ -10,7 +10,7 @@ import yaml
 
 from hydro_ident.commands.excite import main
 from hydro_ident.design import poses
-from hydro_model.paths import load_path
+from hydro_model.motion.paths import load_path
 from hydro_model.robot_files import shipped_robots
 
 pytestmark = pytest.mark.long

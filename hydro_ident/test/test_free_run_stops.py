@@ -13,7 +13,7 @@ from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import Trace, traces_of
 from hydro_ident.rollouts.free_run import free_run
 from hydro_ident.rollouts.rollout_windows import at_stops, usable_pieces
-from hydro_model.cylinder import stroke
+from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.robot import EffectSpec, Robot
 
 WHOLE = HoldOut(every=0)

@@ -12,10 +12,10 @@ from hydro_ident.estimate.forces.force_rows import force_rows
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.identify.job import planned_force_model
-from hydro_model.cylinder import stroke
 from hydro_model.effects import Readings, read_with
+from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.robot import EffectSpec, Robot
-from hydro_model.simulate import simulate
+from hydro_model.simulation.simulate import simulate
 
 H = 0.002
 SPECS = {

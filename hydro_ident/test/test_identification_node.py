@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from hydro_ident.identify.identification_node import run
-from hydro_model.base_parameters import base_map
-from hydro_model.command import run_command
-from hydro_model.cylinder import lever
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.command_line.command import run_command
+from hydro_model.hydraulics.cylinder import lever
+from hydro_model.multibody.base_parameters import base_map
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot
 
 pytestmark = pytest.mark.ros

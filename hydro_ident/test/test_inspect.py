@@ -23,7 +23,7 @@ from hydro_ident.inspecting.complaints import Complaints
 from hydro_ident.inspecting.health import find_irregularities
 from hydro_ident.inspecting.inspection_reading import inspect_bag
 from hydro_ident.inspecting.named_robot import named_robot
-from hydro_model import terminal
+from hydro_model.command_line import terminal
 from hydro_model.robot_files import shipped_robots
 from hydro_msgs_docs.cdr import JOINT_STATE
 

@@ -18,8 +18,8 @@ from hydro_ident.estimate.signals.traces import Trace, traces_of
 from hydro_ident.identify.identified_robot import identified_robot
 from hydro_ident.identify.job import planned_force_model
 from hydro_model.effects.rows import signal_rows
+from hydro_model.effects.signals import TIP_HEIGHT
 from hydro_model.robot import EffectSpec, Robot
-from hydro_model.signals import TIP_HEIGHT
 
 MakeRun = tuple[Callable[..., Robot], Callable[..., Any]]
 EDGES = ("c_pa", "c_at", "c_pb", "c_bt")

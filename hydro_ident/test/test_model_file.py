@@ -16,9 +16,9 @@ from hydro_ident.identify.controller_file import controller_text
 from hydro_ident.identify.identified_robot import with_edge_coefficient, with_viscous_friction
 from hydro_ident.identify.model_file import write_model
 from hydro_ident.parameters.model_statistics import Statistics, read_statistics
-from hydro_model.base_parameters import base_map, with_base
 from hydro_model.errors import RobotError
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.multibody.base_parameters import base_map, with_base
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import BaseParameter, EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 

@@ -12,7 +12,7 @@ from hydro_ident.bag.reader import read_bag
 from hydro_ident.commands import convert, diagnose, identify, inspect, tracking
 from hydro_ident.errors import BagError
 from hydro_ident.logs.file import read_log
-from hydro_model.command import run_command
+from hydro_model.command_line.command import run_command
 
 #: Commands that take a bag, and what else they want.
 COMMANDS = {

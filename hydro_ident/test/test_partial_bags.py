@@ -15,7 +15,7 @@ import yaml
 from hydro_ident.commands.identify import run
 from hydro_ident.estimate.signals.traces import traces_of
 from hydro_ident.identify.identification import identify
-from hydro_model.cylinder import lever, piston_force, stroke
+from hydro_model.hydraulics.cylinder import lever, piston_force, stroke
 from hydro_model.robot import Robot
 
 pytestmark = pytest.mark.needs("clarabel", "plotly")

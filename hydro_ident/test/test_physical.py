@@ -28,11 +28,11 @@ from hydro_ident.identify.consistent_robot import (
 from hydro_ident.identify.model_file import write_model
 from hydro_ident.identify.urdf_file import write_urdf
 from hydro_ident.study.consistency import random_robot, table
-from hydro_model.base_parameters import base_map, with_base
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.description.urdf import read_chain, standard_parameters
+from hydro_model.multibody.base_parameters import base_map, with_base
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import STANDARD_PARAMETERS, BaseParameter, FloatArray, Robot
 from hydro_model.robot_files import datasheet_inertia, load_robot
-from hydro_model.urdf import read_chain, standard_parameters
 
 pytestmark = pytest.mark.needs("clarabel")
 

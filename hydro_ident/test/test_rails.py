@@ -14,8 +14,8 @@ from hydro_ident.estimate.flows.rails import railed
 from hydro_ident.estimate.signals.traces import Trace, traces_of
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.effects.targets import ActiveEffect
+from hydro_model.hydraulics.valve import edge_flows
 from hydro_model.robot import EffectSpec, FloatArray, Robot
-from hydro_model.valve import edge_flows
 
 DROOP = EffectSpec("supply_droop", "", {"resistance": 6e9, "time_constant": 0.02})
 BACK = EffectSpec("tank_back_pressure", "", {"resistance": 8e12, "time_constant": 0.004})
@@ -35,7 +35,7 @@ def _effects(robot: Robot, *specs: EffectSpec) -> tuple[ActiveEffect, ...]:
 
 
 def _flows(robot: Robot, trace: Trace) -> tuple[FloatArray, FloatArray]:
-    """Drawn and returned, (N,) each, by the flows of `hydro_model.valve`; unknown ones are 0."""
+    """Drawn and returned, (N,) each, by `hydro_model.hydraulics.valve`; unknown ones are 0."""
     drawn, returned = np.zeros(trace.samples), np.zeros(trace.samples)
     for i, cylinder in enumerate(robot.cylinders):
         u = np.where(np.isfinite(trace.valve_signal[:, i]), trace.valve_signal[:, i], 0.0)

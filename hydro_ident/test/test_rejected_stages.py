@@ -26,9 +26,9 @@ from hydro_ident.report.channel_rows import REJECTED
 from hydro_ident.report.identification_report import report_html
 from hydro_ident.report.page import written
 from hydro_ident.study.synthetic import STEP_S, Noise, synthetic_recording
-from hydro_model.cylinder import lever
 from hydro_model.effects.catalogue import resolve
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.hydraulics.cylinder import lever
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import EffectSpec, FloatArray
 from hydro_model.robot_files import load_robot
 

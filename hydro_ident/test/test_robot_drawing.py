@@ -10,8 +10,8 @@ import pytest
 
 from hydro_ident.report.robot_drawing import POSES, drawings, plane_of
 from hydro_ident.report.robot_report import _drawn
-from hydro_model.cylinder import stroke
-from hydro_model.joint_ranges import limits
+from hydro_model.hydraulics.cylinder import stroke
+from hydro_model.multibody.joint_ranges import limits
 from hydro_model.robot_files import load_robot
 
 

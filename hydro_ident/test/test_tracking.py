@@ -19,8 +19,8 @@ from hydro_ident.commands.compare_tracking import run as compare
 from hydro_ident.commands.tracking import main, other_machine
 from hydro_ident.errors import NotEnoughDataError
 from hydro_ident.recordings.metrics import moving_span, speed_m_s, tracking
-from hydro_model import terminal
-from hydro_model.kinematics import tip_position
+from hydro_model.command_line import terminal
+from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.cdr import JOINT_STATE, POINT_STAMPED
 

@@ -6,9 +6,9 @@ import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from hydro_model.command import Parser, run_command
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.command_line.output import add_json, report_files, write_text
 from hydro_model.errors import HydroError
-from hydro_model.output import add_json, report_files, write_text
 
 
 class LayoutError(HydroError):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Sequence
 
-from hydro_model.command import Parser
+from hydro_model.command_line.command import Parser
 
 
 def own_arguments(arguments: Sequence[str]) -> list[str]:

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Collection
 from pathlib import Path
 
+from hydro_model.description.fields import Fields
 from hydro_model.errors import HydroError
-from hydro_model.fields import Fields
 from hydro_model.robot_files import read_yaml
 
 #: Where ROS puts what stands on the command line.

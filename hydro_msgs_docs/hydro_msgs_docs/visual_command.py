@@ -6,8 +6,8 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from hydro_model.command import Parser, run_command
-from hydro_model.output import add_json, report_files
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.command_line.output import add_json, report_files
 from hydro_msgs_docs.layouts_command import write_layouts
 
 _EPILOG = """\

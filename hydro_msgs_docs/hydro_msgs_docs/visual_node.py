@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from hydro_model.command import run_command
+from hydro_model.command_line.command import run_command
 from hydro_msgs_docs.middleware import prepare_middleware
 from hydro_msgs_docs.node_arguments import check_arguments
 
@@ -40,7 +40,7 @@ def positions_of(robot: Robot, given: Mapping[str, float]) -> FloatArray | None:
     """
     import numpy as np
 
-    from hydro_model.cylinder import joint_position
+    from hydro_model.hydraulics.cylinder import joint_position
 
     q = np.full(robot.dof, np.nan)
     for i, joint in enumerate(robot.joints):
@@ -101,8 +101,8 @@ def publish_visual_joints(node: Any) -> None:
     from rclpy.qos import qos_profile_sensor_data
     from sensor_msgs.msg import JointState
 
+    from hydro_model.description.visual_joints import visual_joint_names, visual_joint_positions
     from hydro_model.robot_files import load_robot
-    from hydro_model.visual_joints import visual_joint_names, visual_joint_positions
     from hydro_msgs_docs.topics import JOINT_STATES, reliable
 
     robot = load_robot(node.declare_parameter("robot", "").value)

@@ -12,10 +12,10 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from hydro_model.closed_chain import PartPlace, part_places
+from hydro_model.description.visual_joints import barrel_angle, barrel_joint, rod_joint
 from hydro_model.errors import RobotError
+from hydro_model.multibody.closed_chain import PartPlace, part_places
 from hydro_model.robot import Cylinder, FloatArray, Joint, Robot
-from hydro_model.visual_joints import barrel_angle, barrel_joint, rod_joint
 
 #: Colours: links, arms to the pins, barrels, rods (Okabe and Ito's palette, and steel).
 _COLOURS = {
@@ -44,8 +44,8 @@ def visual_urdf(robot: Robot) -> str:
     Returns
     -------
     str
-        Its moving joints are those of `hydro_model.visual_joints.visual_joint_names`. Barrels and
-        rods have no inertia: it is made to be drawn, not to be simulated.
+        Its moving joints are those of `hydro_model.description.visual_joints.visual_joint_names`.
+        Barrels and rods have no inertia: it is made to be drawn, not to be simulated.
 
     Raises
     ------

@@ -35,11 +35,11 @@ from hydro_control.compensation.compensation import Compensation, Motion
 from hydro_control.state.axes import axes_of
 from hydro_control.state.filters import Ewma, FilteredDifference, alpha_for
 from hydro_control.state.oil_columns import OilColumns, piston_positions, swept_columns
-from hydro_model.cylinder import lever, piston_force
 from hydro_model.effects import ActiveEffect
-from hydro_model.rigid_body import inverse_dynamics, required_torque
+from hydro_model.hydraulics.cylinder import lever, piston_force
+from hydro_model.hydraulics.valve import signal_at_lengths
+from hydro_model.multibody.rigid_body import inverse_dynamics, required_torque
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.valve import signal_at_lengths
 
 BoolArray = NDArray[np.bool_]
 

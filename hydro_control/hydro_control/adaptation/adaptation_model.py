@@ -9,10 +9,10 @@ import numpy as np
 from hydro_control.adaptation.adaptation_settings import AdaptationSettings
 from hydro_control.adaptation.bounded_estimator import Prior
 from hydro_control.state.axes import Axis
+from hydro_model.description.urdf import standard_parameters
 from hydro_model.effects import CATALOGUE
+from hydro_model.effects.signals import PISTON_VELOCITY, SIGNAL_COUNT
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.signals import PISTON_VELOCITY, SIGNAL_COUNT
-from hydro_model.urdf import standard_parameters
 
 
 def coulomb(xd: FloatArray, scale_m_s: float) -> FloatArray:

@@ -26,8 +26,8 @@ from hydro_control.compensation.signal_inverse import SignalInverse, lag_s
 from hydro_control.state.axes import Axis
 from hydro_control.state.filters import alpha_for
 from hydro_control.state.oil_columns import OilColumns
-from hydro_model import signals as sig
 from hydro_model.effects import ActiveEffect, Stage
+from hydro_model.effects import signals as sig
 from hydro_model.robot import FloatArray, Robot
 
 #: Smallest rounding of the sign of a required velocity: a step of friction would be a step of

@@ -22,8 +22,8 @@ from hydro_control.compensation.listed_laws import ListedLaws
 from hydro_control.state.axes import Axis
 from hydro_control.state.filters import Ewma, alpha_for
 from hydro_control.state.oil_columns import OilColumns
-from hydro_model import signals as sig
 from hydro_model.effects import ActiveEffect, Stage
+from hydro_model.effects import signals as sig
 from hydro_model.effects.rows import other_joint
 from hydro_model.robot import FloatArray, Robot
 

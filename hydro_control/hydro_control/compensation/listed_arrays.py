@@ -14,8 +14,8 @@ from hydro_control.state.axes import Axis
 from hydro_model.effects import ActiveEffect, Stage
 from hydro_model.effects.compiled import law_address
 from hydro_model.effects.rows import constant_signals, other_joint
+from hydro_model.effects.signals import SIGNAL_COUNT, VALVE_SIGNAL
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.signals import SIGNAL_COUNT, VALVE_SIGNAL
 
 IntArray = NDArray[np.int64]
 

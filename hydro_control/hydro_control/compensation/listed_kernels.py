@@ -30,8 +30,7 @@ from hydro_control.compensation.listed_arrays import (
 )
 from hydro_control.state.state_kernels import average
 from hydro_model.effects.compiled import call_law
-from hydro_model.kernel import inlined, kernel
-from hydro_model.signals import (
+from hydro_model.effects.signals import (
     JOINT_POSITION,
     JOINT_VELOCITY,
     LEVER,
@@ -49,7 +48,8 @@ from hydro_model.signals import (
     TIME,
     VALVE_SIGNAL,
 )
-from hydro_model.simulate_arrays import (
+from hydro_model.numerics.kernel import inlined, kernel
+from hydro_model.simulation.simulate_arrays import (
     COMPLIANCE_A,
     COMPLIANCE_B,
     FLOW_A,

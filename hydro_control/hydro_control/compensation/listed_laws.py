@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from hydro_model.effects import ActiveEffect, Law, Stage
-from hydro_model.signals import STATE_0
+from hydro_model.effects.signals import STATE_0
 
 #: The parameter that rounds the sign of a velocity, and the typical lever arm that takes its
 #: smallest value to one of a joint's velocity.

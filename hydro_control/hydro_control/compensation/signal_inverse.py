@@ -14,8 +14,8 @@ import numpy as np
 
 from hydro_control.errors import ControlError
 from hydro_model.effects import ActiveEffect, Stage
+from hydro_model.effects.signals import SIGNAL_COUNT, VALVE_SIGNAL
 from hydro_model.robot import FloatArray
-from hydro_model.signals import SIGNAL_COUNT, VALVE_SIGNAL
 
 #: The curve reaches a little beyond full signal, so that a null bias leaves full opening in it.
 REACH = 1.5

@@ -32,7 +32,7 @@ from hydro_control.motion.trajectory import Waypoint
 from hydro_control.state.sample import Sample
 from hydro_control.state.sensor_correction import SensorCorrection
 from hydro_model.errors import RobotError, in_short
-from hydro_model.paths import JointPath, TipPath
+from hydro_model.motion.paths import JointPath, TipPath
 from hydro_model.robot import FloatArray, Robot
 
 __all__ = ["Answer", "ControllerCore", "Counts", "Sample"]

@@ -7,7 +7,7 @@ import numpy as np
 from hydro_control.errors import ControlError
 from hydro_control.law.law import ControlLaw
 from hydro_control.motion.required_motion import Reference
-from hydro_model.kinematics import TipPlace, tip_position
+from hydro_model.multibody.kinematics import TipPlace, tip_position
 
 
 def warm_up(law: ControlLaw) -> None:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from hydro_control.gains import Gains
 from hydro_control.motion.motion_limits import MotionLimits
 from hydro_control.state.axes import Axis
-from hydro_model.chain_arrays import chain_arrays
-from hydro_model.chain_kernels import SCRATCH
+from hydro_model.multibody.chain_arrays import chain_arrays
+from hydro_model.multibody.chain_kernels import SCRATCH
 from hydro_model.robot import FloatArray, Robot
 
 # Columns of `LawArrays.cylinder` and `.edges`.

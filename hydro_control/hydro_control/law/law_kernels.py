@@ -40,9 +40,9 @@ from hydro_control.law.motion_kernels import (
 )
 from hydro_control.motion.motion_limits import RELIEF_BAND
 from hydro_control.state.oil_columns import STROKE_MARGIN
-from hydro_model.kernel import inlined, kernel
-from hydro_model.rigid_body_kernels import required_torque_kernel
-from hydro_model.valve import SMOOTH_PRESSURE_PA
+from hydro_model.hydraulics.valve import SMOOTH_PRESSURE_PA
+from hydro_model.multibody.rigid_body_kernels import required_torque_kernel
+from hydro_model.numerics.kernel import inlined, kernel
 
 Array = Any  # numba types the kernels; mypy follows no numba import
 
@@ -137,14 +137,14 @@ def _required_torque(arrays: Any, work: Any, q: Array, qd: Array, out: Array) ->
 
 @inlined
 def _open_root(difference_pa: float) -> float:
-    """As `hydro_model.valve`: the smoothed square root, no smaller than where it is smoothed."""
+    """Smoothed root of `hydro_model.hydraulics.valve`, no smaller than where it is smoothed."""
     d = SMOOTH_PRESSURE_PA if difference_pa < SMOOTH_PRESSURE_PA else difference_pa
     return d / math.sqrt(math.sqrt(d * d + SMOOTH_PRESSURE_PA * SMOOTH_PRESSURE_PA))
 
 
 @inlined
 def _fed_root(difference_pa: float) -> float:
-    """As `hydro_model.valve`: what runs back into the supply counts as such."""
+    """As `hydro_model.hydraulics.valve`: what runs back into the supply counts as such."""
     d = difference_pa
     if d >= 0.0 and d < SMOOTH_PRESSURE_PA:
         d = SMOOTH_PRESSURE_PA

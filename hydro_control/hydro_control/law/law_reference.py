@@ -18,10 +18,10 @@ from hydro_control.motion.required_motion import JointMotion, Reference, require
 from hydro_control.state.axes import Axis
 from hydro_control.state.oil_columns import OilColumns, piston_positions, swept_columns
 from hydro_control.state.state import State
-from hydro_model.cylinder import lever
-from hydro_model.rigid_body import required_torque
+from hydro_model.hydraulics.cylinder import lever
+from hydro_model.hydraulics.valve import signal_at_lengths
+from hydro_model.multibody.rigid_body import required_torque
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.valve import signal_at_lengths
 
 
 def required(

@@ -38,8 +38,8 @@ from hydro_control.motion.required_motion import (
     SINGULAR_RATIO,
     SPEED_NOTE,
 )
-from hydro_model.kernel import inlined, kernel
-from hydro_model.kinematics import tip_kernel
+from hydro_model.multibody.kinematics import tip_kernel
+from hydro_model.numerics.kernel import inlined, kernel
 
 Array = Any  # numba types the kernels; mypy follows no numba import
 

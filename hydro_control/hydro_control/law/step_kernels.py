@@ -36,7 +36,7 @@ from hydro_control.state.state_kernels import (
     measured_kernel,
     predicted_kernel,
 )
-from hydro_model.kernel import copy, kernel
+from hydro_model.numerics.kernel import copy, kernel
 
 Array = Any  # numba types the kernels; mypy follows no numba import
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hydro_control.errors import ControlError
-from hydro_model.joint_ranges import limits
+from hydro_model.multibody.joint_ranges import limits
 from hydro_model.robot import FloatArray, Robot
 
 #: Headway is a move towards the reference by this share of what the velocity limit allows in the

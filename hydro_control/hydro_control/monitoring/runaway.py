@@ -15,8 +15,8 @@ import numpy as np
 from hydro_control.errors import ControlError
 from hydro_control.motion.motion_limits import MotionLimits
 from hydro_control.state.axes import SHORTEST_LEVER_M
-from hydro_model.cylinder import lever
-from hydro_model.kinematics import TipPlace
+from hydro_model.hydraulics.cylinder import lever
+from hydro_model.multibody.kinematics import TipPlace
 from hydro_model.robot import FloatArray, Robot
 
 #: A joint further beyond its end than this share of its range is not driven at all.

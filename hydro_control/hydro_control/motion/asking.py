@@ -15,7 +15,7 @@ from hydro_control.errors import ControlError
 from hydro_control.motion.reference_run import Asked, ReferenceRun, Standing
 from hydro_control.motion.trajectory import Waypoint
 from hydro_model.errors import HydroError, in_short
-from hydro_model.paths import JointPath, TipPath
+from hydro_model.motion.paths import JointPath, TipPath
 
 #: A trajectory may ask to begin this long after the newest sample, s: long enough for several
 #: machines to begin together. More is a stamp of another clock, or of one that was put forward:

@@ -12,8 +12,8 @@ from itertools import product
 
 import numpy as np
 
-from hydro_model.cylinder import lever
-from hydro_model.rigid_body import inverse_dynamics, mass_matrix
+from hydro_model.hydraulics.cylinder import lever
+from hydro_model.multibody.rigid_body import inverse_dynamics, mass_matrix
 from hydro_model.robot import Cylinder, FloatArray, Robot
 
 #: Never counted on: a deceleration of more velocity limits per second, so 0.2 s from full speed.

@@ -1,8 +1,8 @@
 """What no required motion may exceed: ends of joints and strokes, tip speed, chamber pressure.
 
 Paths and trajectories beyond the limits are refused before they are played
-(`hydro_model.paths_check`). This is for what happens while they are: a reference that stands
-elsewhere than the arm, an arm that drifted, a command from feedback alone. Pure functions.
+(`hydro_model.motion.paths_check`). This is for what happens while they are: a reference that
+stands elsewhere than the arm, an arm that drifted, a command from feedback alone. Pure functions.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import numpy as np
 from hydro_control.errors import ControlError
 from hydro_control.motion.braking import DOWN, UP, braking_energies, speed_before_end
 from hydro_control.motion.required_motion import JointMotion
-from hydro_model.cylinder import inside_stroke
-from hydro_model.kinematics import tip_jacobian, tip_state
-from hydro_model.paths import JointPath, TipPath
-from hydro_model.paths_check import always, check_times, joint_motion
+from hydro_model.hydraulics.cylinder import inside_stroke
+from hydro_model.motion.paths import JointPath, TipPath
+from hydro_model.motion.paths_check import always, check_times, joint_motion
+from hydro_model.multibody.kinematics import tip_jacobian, tip_state
 from hydro_model.robot import FloatArray, Robot
 
 #: Points of a joint's range at which strokes are looked at.
@@ -186,7 +186,7 @@ def refuse_fast(
     near : (n,) array, optional
         Where joints stay that a path of joints does not name (by default mid-range).
     go_on : callable
-        As of `hydro_model.paths_check.joint_motion`.
+        As of `hydro_model.motion.paths_check.joint_motion`.
 
     Raises
     ------

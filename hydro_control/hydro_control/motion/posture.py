@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hydro_control.motion.required_motion import RANK_RATIO, damped_inverse
-from hydro_model.kinematics import tip_jacobian, tip_state
+from hydro_model.multibody.kinematics import tip_jacobian, tip_state
 from hydro_model.robot import FloatArray, Robot
 
 #: The tip is at its place within this, m: what arithmetic leaves.

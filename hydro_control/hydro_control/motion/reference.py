@@ -19,10 +19,10 @@ from hydro_control.motion.some_joints import for_all_joints
 from hydro_control.motion.stopping import Slowing
 from hydro_control.motion.trajectory import Waypoint, segments_through
 from hydro_model.errors import RobotError
-from hydro_model.kinematics import tip_position
-from hydro_model.paths import JointPath, Path, TipPath
-from hydro_model.paths_check import always, joints_at_tip
-from hydro_model.paths_segments import Hold, Segment
+from hydro_model.motion.paths import JointPath, Path, TipPath
+from hydro_model.motion.paths_check import always, joints_at_tip
+from hydro_model.motion.paths_segments import Hold, Segment
+from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot import FloatArray, Robot
 
 STOP_S = 0.5

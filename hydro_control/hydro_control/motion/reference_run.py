@@ -11,7 +11,7 @@ from typing import NamedTuple
 from hydro_control.motion.reference import Plan, ReferencePlayer
 from hydro_control.motion.required_motion import Reference
 from hydro_control.state.sample import Sample
-from hydro_model.paths import JointPath, TipPath
+from hydro_model.motion.paths import JointPath, TipPath
 from hydro_model.robot import FloatArray, Robot
 
 _SECOND_NS = 1_000_000_000

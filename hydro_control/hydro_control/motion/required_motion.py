@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from hydro_model.kinematics import tip_position, tip_state
+from hydro_model.multibody.kinematics import tip_position, tip_state
 from hydro_model.robot import FloatArray, Robot
 
 #: Singular values of the Jacobian below this share of the largest are inverted with damping.

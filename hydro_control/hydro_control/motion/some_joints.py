@@ -8,8 +8,8 @@ import numpy as np
 
 from hydro_control.errors import ControlError
 from hydro_model.errors import RobotError
-from hydro_model.paths import JointPath
-from hydro_model.paths_segments import Quintic, Segment
+from hydro_model.motion.paths import JointPath
+from hydro_model.motion.paths_segments import Quintic, Segment
 from hydro_model.robot import FloatArray, Robot
 
 

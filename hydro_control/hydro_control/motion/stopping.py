@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_model.paths import Path
-from hydro_model.paths_segments import Sample
+from hydro_model.motion.paths import Path
+from hydro_model.motion.paths_segments import Sample
 from hydro_model.robot import FloatArray
 
 

@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from hydro_control.errors import ControlError
-from hydro_model.paths import Path
-from hydro_model.paths_segments import Quintic, Sample, Segment
+from hydro_model.motion.paths import Path
+from hydro_model.motion.paths_segments import Quintic, Sample, Segment
 from hydro_model.robot import FloatArray
 
 #: Spacing of waypoints where a segment is no polynomial: a quintic through exact position,

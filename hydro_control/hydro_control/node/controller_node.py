@@ -19,7 +19,7 @@ from hydro_control.law.gain_checks import gain_warnings
 from hydro_control.node import parameters
 from hydro_control.node.hot_path import HotPath
 from hydro_control.node.trajectory_intake import TrajectoryIntake
-from hydro_model.paths import load_path
+from hydro_model.motion.paths import load_path
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs import topics
 from hydro_msgs_docs.nodes import ERROR, OK, WARN, Diagnostics, fix_parameters, logged_transition

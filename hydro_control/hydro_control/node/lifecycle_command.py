@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from hydro_control.errors import ControlError
-from hydro_model.command import Parser, run_command
-from hydro_model.output import add_json, report
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.command_line.output import add_json, report
 from hydro_msgs_docs.middleware import prepare_middleware
 
 #: Time without an answer after which a node is asked again.

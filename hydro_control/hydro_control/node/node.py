@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hydro_control.errors import ControlError
-from hydro_model.command import run_command
+from hydro_model.command_line.command import run_command
 from hydro_msgs_docs.middleware import prepare_middleware
 from hydro_msgs_docs.node_arguments import check_arguments
 

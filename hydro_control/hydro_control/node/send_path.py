@@ -11,8 +11,8 @@ from typing import Any
 from hydro_control.errors import ControlError
 from hydro_control.node.lifecycle_command import seconds
 from hydro_control.node.node import NAME as CONTROLLER
-from hydro_model.command import Parser, run_command
-from hydro_model.output import add_json, report
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.command_line.output import add_json, report
 from hydro_msgs_docs.middleware import prepare_middleware
 
 NAME = "send_path"
@@ -57,7 +57,7 @@ def run(arguments: Sequence[str]) -> int:
     if args.stop == (args.path is not None):
         found = "both" if args.stop else "neither"
         raise ControlError(f"expected a path file or --stop, found {found}")
-    from hydro_model.paths import TipPath, load_path
+    from hydro_model.motion.paths import TipPath, load_path
     from hydro_msgs_docs import topics
 
     if args.stop:
@@ -106,7 +106,7 @@ def sent_dict(name: str, path: Any, topic: str, points: int) -> dict[str, Any]:
     ----------
     name : str
         Of the path, as given.
-    path : hydro_model.paths.TipPath or hydro_model.paths.JointPath
+    path : hydro_model.motion.paths.TipPath or hydro_model.motion.paths.JointPath
     topic : str
     points : int
         Of the message.
@@ -117,7 +117,7 @@ def sent_dict(name: str, path: Any, topic: str, points: int) -> dict[str, Any]:
         `start` and `end` are positions: of the tip in `frame`, m, or of the `joints`, rad or m.
     """
     from hydro_control.motion.trajectory import waypoints_of
-    from hydro_model.paths import TipPath
+    from hydro_model.motion.paths import TipPath
 
     waypoints = waypoints_of(path)
     of = (
@@ -192,7 +192,7 @@ def joint_message(path: Any) -> Any:
 
     Parameters
     ----------
-    path : hydro_model.paths.JointPath
+    path : hydro_model.motion.paths.JointPath
 
     Returns
     -------
@@ -221,7 +221,7 @@ def tip_message(path: Any) -> Any:
 
     Parameters
     ----------
-    path : hydro_model.paths.TipPath
+    path : hydro_model.motion.paths.TipPath
 
     Returns
     -------

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_control.errors import ControlError
-from hydro_model.cylinder import lever
+from hydro_model.hydraulics.cylinder import lever
 from hydro_model.robot import Cylinder, Joint, Robot, Valve
 
 #: A lever arm shorter than this cannot hold its link.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_control.state.axes import Axis
-from hydro_model.cylinder import stroke
+from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.robot import FloatArray
 
 #: Share of the stroke kept from either end. There what the swept column leaves out is most of the

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro_model.kernel import inlined, kernel
+from hydro_model.numerics.kernel import inlined, kernel
 from hydro_model.robot import FloatArray
 
 Array = Any  # numba types the kernels; mypy follows no numba import

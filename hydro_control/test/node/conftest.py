@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_model.cylinder import lever
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.hydraulics.cylinder import lever
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs import topics
 from hydro_msgs_docs.messages import joint_state, stamp_ns
@@ -220,7 +220,7 @@ def within(
 ) -> Callable[..., subprocess.CompletedProcess[str]]:
     """`within(*arguments)`: a controller that ends by itself, in this process."""
     from hydro_control.node.node import NAME, run
-    from hydro_model.command import run_command
+    from hydro_model.command_line.command import run_command
 
     monkeypatch.setattr(sys, "setswitchinterval", lambda interval: None)
     for name in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_model.paths_segments import Quintic
+from hydro_model.motion.paths_segments import Quintic
 from hydro_msgs_docs import topics
 from hydro_msgs_docs.messages import set_stamp, stamp_ns
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hydro_control.node import send_path
-from hydro_model.kinematics import tip_position
+from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs import topics
 

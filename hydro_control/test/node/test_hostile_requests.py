@@ -13,7 +13,7 @@ from hydro_control.core.core import ControllerCore, Sample
 from hydro_control.errors import names_in_short
 from hydro_control.gains import Gains
 from hydro_control.motion.asking import MOST_POINTS
-from hydro_model.kinematics import tip_position
+from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot_files import load_robot
 
 rclpy = pytest.importorskip("rclpy")

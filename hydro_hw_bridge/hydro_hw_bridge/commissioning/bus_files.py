@@ -20,7 +20,7 @@ from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.protocol.e2e import IDENTIFIERS
 from hydro_hw_bridge.protocol.layout import MAX_BUS_LOAD
 from hydro_hw_bridge.protocol.mapping import SCHEMA
-from hydro_model.joint_ranges import limits
+from hydro_model.multibody.joint_ranges import limits
 from hydro_model.robot import Robot
 
 #: Bits of a frame, and those in front that the protection and the valves' enable bit take.

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from hydro_hw_bridge.endings import on_end
 from hydro_hw_bridge.errors import BridgeError, CalibrationError
-from hydro_model.command import Parser, run_command
-from hydro_model.output import add_json, report
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.command_line.output import add_json, report
 
 if TYPE_CHECKING:
     from hydro_hw_bridge.commissioning.calibration_session import Session

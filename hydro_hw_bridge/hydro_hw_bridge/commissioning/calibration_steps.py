@@ -11,7 +11,7 @@ import numpy as np
 from hydro_hw_bridge.commissioning.calibration_session import Session
 from hydro_hw_bridge.errors import CalibrationError
 from hydro_hw_bridge.protocol.frames import Readings
-from hydro_model.cylinder import stroke
+from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
 
 #: Cycles to average: 0.5 s at 500 Hz.

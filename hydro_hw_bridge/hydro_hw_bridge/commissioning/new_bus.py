@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hydro_hw_bridge.errors import BridgeError
-from hydro_model.command import Parser, run_command, warn
-from hydro_model.output import OutputError, add_json, report_files, write_text
+from hydro_model.command_line.command import Parser, run_command, warn
+from hydro_model.command_line.output import OutputError, add_json, report_files, write_text
 
 NAME = "new_bus"
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from hydro_hw_bridge.protocol.bridge_step import ReadingCounters
 from hydro_hw_bridge.protocol.codec import Codec
 from hydro_hw_bridge.protocol.frames import Readings
-from hydro_model.cylinder import stroke
+from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.robot import Cylinder, Robot
 
 #: A joint or piston may move this many times its velocity limit between two cycles.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from hydro_hw_bridge.endings import on_end, on_end_at_once
 from hydro_hw_bridge.errors import BridgeError
-from hydro_model.command import Parser, run_command
+from hydro_model.command_line.command import Parser, run_command
 from hydro_msgs_docs.middleware import prepare_middleware
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ import yaml
 
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.protocol.mapping import BusMapping, Channel
+from hydro_model.description.fields import Fields
 from hydro_model.errors import RobotError
-from hydro_model.fields import Fields
 from hydro_model.robot_files import read_yaml
 
 SCHEMA = "hydro_hw_bridge/calibration/1"

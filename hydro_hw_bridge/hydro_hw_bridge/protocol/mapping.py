@@ -9,8 +9,8 @@ from typing import Any
 
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.protocol.e2e import IDENTIFIERS
+from hydro_model.description.fields import Fields
 from hydro_model.errors import RobotError
-from hydro_model.fields import Fields
 from hydro_model.robot import Robot
 from hydro_model.robot_files import read_yaml
 

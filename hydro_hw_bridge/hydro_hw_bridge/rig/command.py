@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from hydro_hw_bridge.endings import on_end
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.payload import payload_argument
-from hydro_model.command import Parser, run_command
+from hydro_model.command_line.command import Parser, run_command
 
 if TYPE_CHECKING:
     from hydro_hw_bridge.rig.core import RigCore

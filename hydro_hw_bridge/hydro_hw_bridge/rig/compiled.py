@@ -1,7 +1,8 @@
 """How the truth plant's code is compiled.
 
 Functions of one module may be copied into those of another: the folder that compiled code is kept
-in (`hydro_model.compile_cache`) is another one after a change of any file of this package.
+in (`hydro_model.numerics.compile_cache`) is another one after a change of any file of this
+package.
 
 Most get all memory from their caller and so need not count references to arrays, which numba does
 with atomic instructions at every view and every call: a third of the plant's time. (numba's

@@ -23,7 +23,7 @@ from hydro_hw_bridge.rig.truth import (
     ValveTruth,
     check_physical,
 )
-from hydro_model.fields import Fields
+from hydro_model.description.fields import Fields
 from hydro_model.robot import CylinderPart, Robot
 from hydro_model.robot_files import read_yaml
 

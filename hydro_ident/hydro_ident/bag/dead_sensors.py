@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.bag.recorded_run import Recording
-from hydro_model.joint_ranges import limits
+from hydro_model.multibody.joint_ranges import limits
 from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import FloatArray
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from hydro_ident.bag.mcap_types import Channel, unchecked
 from hydro_ident.bag.reader import files_of, no_message
-from hydro_model.terminal import advance
+from hydro_model.command_line.terminal import advance
 
 
 @dataclass(frozen=True, slots=True)

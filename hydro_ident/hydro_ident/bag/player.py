@@ -18,10 +18,10 @@ from hydro_ident.bag.mcap_types import Channel
 from hydro_ident.bag.playback import contents_of, messages
 from hydro_ident.bag.signals import stop_on_signals
 from hydro_ident.errors import BagError
-from hydro_model.command import Parser, run_command, warn
-from hydro_model.output import STDOUT, add_json, report
-from hydro_model.safe_yaml import UnusableYamlError, parse
-from hydro_model.terminal import advance, progress_bar
+from hydro_model.command_line.command import Parser, run_command, warn
+from hydro_model.command_line.output import STDOUT, add_json, report
+from hydro_model.command_line.terminal import advance, progress_bar
+from hydro_model.description.safe_yaml import UnusableYamlError, parse
 from hydro_msgs_docs.middleware import prepare_middleware
 from hydro_msgs_docs.topics import LIVE_DEPTH, reliable
 

@@ -20,8 +20,8 @@ from hydro_ident.bag.mcap_types import FileHealth, MessageBlock, unchecked
 from hydro_ident.bag.nearby import bags_beside
 from hydro_ident.bag.series import Series
 from hydro_ident.errors import BagError
-from hydro_model.safe_yaml import parse
-from hydro_model.terminal import advance
+from hydro_model.command_line.terminal import advance
+from hydro_model.description.safe_yaml import parse
 
 METADATA_FILE = "metadata.yaml"
 #: Name of the metadata record (and custom_data of metadata.yaml) of the project's own bags.

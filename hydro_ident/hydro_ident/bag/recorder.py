@@ -29,8 +29,8 @@ from hydro_ident.bag.recorder_topics import check_topic, wanted_topics
 from hydro_ident.bag.signals import stop_on_signals
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import IdentError
-from hydro_model.command import Parser, run_command
-from hydro_model.output import STDOUT, add_json, write_json
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.command_line.output import STDOUT, add_json, write_json
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.middleware import prepare_middleware
 from hydro_msgs_docs.topics import (

@@ -28,7 +28,7 @@ from hydro_ident.bag.metadata import (
 )
 from hydro_ident.bag.reader import METADATA_FILE, PROJECT_METADATA
 from hydro_ident.errors import BagError
-from hydro_model.output import write_atomically
+from hydro_model.command_line.output import write_atomically
 from hydro_msgs_docs.cdr import encode
 
 CHUNK_NS = 200_000_000

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hydro_model.part_regrouping import point_mass
+from hydro_model.multibody.part_regrouping import point_mass
 from hydro_model.robot import FloatArray, Joint, Robot
 
 #: Where pinocchio has our standard parameters: it puts Iyy before Ixz.

@@ -38,8 +38,8 @@ from hydro_ident.bench import (
 from hydro_ident.bench.job import Job, Row, run
 from hydro_ident.bench.soak_page import SOAKS, with_soaks
 from hydro_ident.errors import IdentError
-from hydro_model.command import Parser, run_command
-from hydro_model.output import write_atomically
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.command_line.output import write_atomically
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -105,7 +105,7 @@ def diagnose_rows(folder: Path, minutes: float = MINUTES) -> list[Row]:
 def _listened(stages: Path, arguments: list[str]) -> int:
     """The command itself, with the times at which its stages began written down."""
     from hydro_ident.commands.diagnose import run
-    from hydro_model.terminal import progress_heard
+    from hydro_model.command_line.terminal import progress_heard
 
     begun: dict[str, float] = {}
 

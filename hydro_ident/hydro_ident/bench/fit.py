@@ -22,8 +22,8 @@ from hydro_ident.estimate.statistics.least_squares import Fit, fit_of_solution
 from hydro_ident.estimate.statistics.moments import LAGS, Moments
 from hydro_ident.estimate.statistics.regression import solve_ols
 from hydro_ident.estimate.statistics.rows import Rows
-from hydro_model.base_parameters import base_map
-from hydro_model.rigid_body import inverse_dynamics, regressor
+from hydro_model.multibody.base_parameters import base_map
+from hydro_model.multibody.rigid_body import inverse_dynamics, regressor
 from hydro_model.robot import FloatArray, Robot
 
 DOF, STEP_S, NOISE_N_M = 6, 0.002, 5.0

@@ -23,7 +23,7 @@ from hydro_ident.bench.job import Row, against_limit, seconds_of
 from hydro_ident.bench.processes import entry
 from hydro_ident.study.closed_loop import run_closed_loop
 from hydro_ident.study.known_effects import known_effects
-from hydro_model.paths import load_path
+from hydro_model.motion.paths import load_path
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 

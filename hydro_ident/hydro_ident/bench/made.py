@@ -14,7 +14,7 @@ from typing import Any
 from hydro_ident.errors import IdentError
 from hydro_ident.study.placed import published
 from hydro_ident.study.sources import differing, digests_of
-from hydro_model.output import write_atomically
+from hydro_model.command_line.output import write_atomically
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 #: Of the repository: the packages whose work is measured.

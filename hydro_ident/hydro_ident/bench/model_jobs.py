@@ -15,11 +15,11 @@ from hydro_ident.bench.chains import PINOCCHIO_ORDER, chain, pinocchio_model
 from hydro_ident.bench.job import Job, Row, against_limit, seconds_of
 from hydro_model.effects import CATALOGUE
 from hydro_model.effects.targets import targets
-from hydro_model.rigid_body import inverse_dynamics, regressor
+from hydro_model.multibody.rigid_body import inverse_dynamics, regressor
 from hydro_model.robot import EffectSpec, FloatArray, Robot
 from hydro_model.robot_files import load_robot
-from hydro_model.simulate import Model, equilibrium_pressures, simulate
-from hydro_model.simulate_reference import reference_rates
+from hydro_model.simulation.simulate import Model, equilibrium_pressures, simulate
+from hydro_model.simulation.simulate_reference import reference_rates
 
 SAMPLES = 100_000
 STEP_S, SIMULATED_S = 0.002, 10.0

@@ -29,7 +29,7 @@ from hydro_ident.bench.chain import MAX_AGE_MS, Running, product
 from hydro_ident.bench.timed_bus import lateness
 from hydro_ident.errors import IdentError
 from hydro_ident.study.peak import status_kb
-from hydro_model.command import Parser, run_command
+from hydro_model.command_line.command import Parser, run_command
 
 #: Upper ends of the histogram's bins, ms; the last bin has none.
 EDGES_MS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 20.0, 50.0, 100.0)

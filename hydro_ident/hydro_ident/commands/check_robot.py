@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hydro_model.command import Parser, run_command
-from hydro_model.output import add_json, report, write_text
-from hydro_model.terminal import coloured
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.command_line.output import add_json, report, write_text
+from hydro_model.command_line.terminal import coloured
 
 if TYPE_CHECKING:
     from hydro_ident.robots.robot_check import RobotCheck

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hydro_model.command import Parser, run_command, warn
-from hydro_model.output import add_json, report
-from hydro_model.terminal import advance, progress_bar
+from hydro_model.command_line.command import Parser, run_command, warn
+from hydro_model.command_line.output import add_json, report
+from hydro_model.command_line.terminal import advance, progress_bar
 
 if TYPE_CHECKING:
     from hydro_ident.recordings.metrics import Tracking

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hydro_ident.errors import BagError
-from hydro_model.command import Parser, run_command, warn
-from hydro_model.output import add_json, report, write_text
-from hydro_model.terminal import progress_bar
+from hydro_model.command_line.command import Parser, run_command, warn
+from hydro_model.command_line.output import add_json, report, write_text
+from hydro_model.command_line.terminal import progress_bar
 
 if TYPE_CHECKING:
     from hydro_ident.logs.convert import Conversion

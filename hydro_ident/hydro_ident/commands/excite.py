@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hydro_model.command import Parser, run_command
-from hydro_model.output import add_json, report
-from hydro_model.terminal import advance, progress_bar
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.command_line.output import add_json, report
+from hydro_model.command_line.terminal import advance, progress_bar
 
 if TYPE_CHECKING:
     from hydro_ident.design.experiment import Design
@@ -189,7 +189,7 @@ def _text(robot: Robot, design: Design, file: Path) -> str:
 
 def _fastest_tip(robot: Robot, design: Design) -> float:
     from hydro_ident.design.limits import tip_speeds
-    from hydro_model.paths_check import check_times, joint_motion
+    from hydro_model.motion.paths_check import check_times, joint_motion
 
     q, qd, _ = joint_motion(robot, design.path, check_times(design.path, 0.02))
     return float(tip_speeds(robot, q, qd).max())

@@ -10,9 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hydro_model.command import Parser, run_command
-from hydro_model.output import STDOUT, add_json, report
-from hydro_model.terminal import progress_bar
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.command_line.output import STDOUT, add_json, report
+from hydro_model.command_line.terminal import progress_bar
 
 if TYPE_CHECKING:
     from hydro_ident.identify.identification import Identification, Settings

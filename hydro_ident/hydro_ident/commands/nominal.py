@@ -10,8 +10,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from hydro_model.command import Parser, run_command
-from hydro_model.output import add_json, report
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.command_line.output import add_json, report
 
 #: Of what `--json` writes.
 SCHEMA = "hydro_ident/nominal/1"

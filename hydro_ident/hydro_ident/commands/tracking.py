@@ -8,9 +8,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hydro_model.command import Parser, run_command, warn
-from hydro_model.output import add_json, report
-from hydro_model.terminal import advance, progress_bar
+from hydro_model.command_line.command import Parser, run_command, warn
+from hydro_model.command_line.output import add_json, report
+from hydro_model.command_line.terminal import advance, progress_bar
 
 if TYPE_CHECKING:
     from hydro_ident.bag.reader import Bag
@@ -105,7 +105,7 @@ def tracking_of(bag: Bag, robot: Robot, truth: Path | None = None) -> dict[str, 
     from hydro_ident.errors import BagError
     from hydro_ident.recordings.metrics import ENCODER_HALF_WIDTH, TRUTH_HALF_WIDTH, tracking
     from hydro_ident.recordings.truth_file import true_tip_m
-    from hydro_model.kinematics import tip_position
+    from hydro_model.multibody.kinematics import tip_position
 
     recording = recording_of(bag, robot)
     reference = _reference(recording)

@@ -1,11 +1,11 @@
 """Optimised Fourier motion: blocks at poses of their own, sized for the smallest errors.
 
 Each block is a finite Fourier series per joint about a centre, under a window that starts and
-ends at rest (`hydro_model.paths_segments.Fourier`). Centres and coefficients of all blocks are
-found together by L-BFGS-B. The criterion is the mean logarithm of the predicted standard errors,
-given what the rest of the run already tells, plus a penalty on what exceeds a limit; units of
-parameters drop out of it. Information adds over blocks, so a derivative by differences costs the
-rows of one block only.
+ends at rest (`hydro_model.motion.paths_segments.Fourier`). Centres and coefficients of all blocks
+are found together by L-BFGS-B. The criterion is the mean logarithm of the predicted standard
+errors, given what the rest of the run already tells, plus a penalty on what exceeds a limit; units
+of parameters drop out of it. Information adds over blocks, so a derivative by differences costs
+the rows of one block only.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 
 from hydro_ident.design.information import ForceInformation, moments, sandwich
 from hydro_ident.design.limits import Limits, half_range, limit_ratios, room
-from hydro_model.joint_ranges import middle
-from hydro_model.paths_segments import Fourier
+from hydro_model.motion.paths_segments import Fourier
+from hydro_model.multibody.joint_ranges import middle
 from hydro_model.robot import FloatArray, Robot
 
 #: Spacing of the rows that are judged: nine per period of the fastest harmonic.

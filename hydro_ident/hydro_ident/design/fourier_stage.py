@@ -11,9 +11,9 @@ from hydro_ident.design.poses import CANDIDATES, short_order, static_poses
 from hydro_ident.design.program import SIZES, Entry, Program, number, numbers
 from hydro_ident.design.stages import add_static
 from hydro_ident.errors import IdentError
-from hydro_model.joint_ranges import middle
-from hydro_model.paths import JointPath
-from hydro_model.paths_check import joint_motion
+from hydro_model.motion.paths import JointPath
+from hydro_model.motion.paths_check import joint_motion
+from hydro_model.multibody.joint_ranges import middle
 from hydro_model.robot import FloatArray, Robot
 
 #: Length of a Fourier block, s; the number of blocks follows from the run's duration.

@@ -17,8 +17,8 @@ from hydro_ident.estimate.effects.listed_effects import ListedEffects
 from hydro_ident.estimate.forces.inertial import ForceModel, Motion, force_columns, force_model
 from hydro_ident.estimate.signals.derivatives import FilterSettings, parallel_filter
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_model.cylinder import lever, stroke
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.hydraulics.cylinder import lever, stroke
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray, Robot
 
 

@@ -1,7 +1,7 @@
 """How near a motion comes to the limits of a robot, as smooth ratios that an optimiser can use.
 
-`hydro_model.paths_check` judges a finished path and says what is wrong where; here every limit is
-a ratio that is at most 1 where it holds, for any number of samples at once.
+`hydro_model.motion.paths_check` judges a finished path and says what is wrong where; here every
+limit is a ratio that is at most 1 where it holds, for any number of samples at once.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_control.motion.motion_limits import TIP_SPEED_M_S
-from hydro_model.cylinder import lever, stroke
-from hydro_model.joint_ranges import limits as joint_limits
-from hydro_model.joint_ranges import middle
-from hydro_model.kinematics import tip_jacobian
-from hydro_model.rigid_body import inverse_dynamics, mass_matrix
+from hydro_model.hydraulics.cylinder import lever, stroke
+from hydro_model.multibody.joint_ranges import limits as joint_limits
+from hydro_model.multibody.joint_ranges import middle
+from hydro_model.multibody.kinematics import tip_jacobian
+from hydro_model.multibody.rigid_body import inverse_dynamics, mass_matrix
 from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
 
 

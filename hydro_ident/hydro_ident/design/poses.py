@@ -6,7 +6,7 @@ import numpy as np
 
 from hydro_ident.design.information import ForceInformation
 from hydro_ident.design.limits import Limits, half_range, limit_ratios
-from hydro_model.joint_ranges import middle
+from hydro_model.multibody.joint_ranges import middle
 from hydro_model.robot import FloatArray
 
 #: Poses that are tried, and the most of a limit that one of them may use.

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_model.cylinder import lever, stroke
+from hydro_model.hydraulics.cylinder import lever, stroke
 from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
 
 #: Pressure difference below which an edge's flow is held, so that its root stays finite.

@@ -9,12 +9,12 @@ import numpy as np
 
 from hydro_ident.design.limits import Limits, fits, limit_ratios, margins
 from hydro_ident.errors import IdentError
-from hydro_model.cylinder import stroke
-from hydro_model.fields import Fields
-from hydro_model.joint_ranges import limits as joint_limits
-from hydro_model.joint_ranges import middle
-from hydro_model.paths_kinds import read_segments
-from hydro_model.paths_segments import Segment
+from hydro_model.description.fields import Fields
+from hydro_model.hydraulics.cylinder import stroke
+from hydro_model.motion.paths_kinds import read_segments
+from hydro_model.motion.paths_segments import Segment
+from hydro_model.multibody.joint_ranges import limits as joint_limits
+from hydro_model.multibody.joint_ranges import middle
 from hydro_model.robot import FloatArray, Robot
 
 Entry = dict[str, Any]

@@ -12,8 +12,8 @@ import numpy as np
 from hydro_ident.design.limits import half_range, natural_frequencies_hz
 from hydro_ident.design.program import SIZES, Program, number, numbers
 from hydro_ident.errors import IdentError
-from hydro_model.joint_ranges import middle
-from hydro_model.rigid_body import mass_matrix
+from hydro_model.multibody.joint_ranges import middle
+from hydro_model.multibody.rigid_body import mass_matrix
 from hydro_model.robot import FloatArray
 
 #: Shares of the run's duration.

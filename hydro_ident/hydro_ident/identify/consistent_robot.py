@@ -17,6 +17,7 @@ from hydro_ident.estimate.bodies.physical import (
     told_distance,
 )
 from hydro_ident.estimate.forces.bounds import DEVIATIONS
+from hydro_model.multibody.spatial import central_inertia
 from hydro_model.robot import (
     PART_PARAMETERS,
     STANDARD_PARAMETERS,
@@ -25,7 +26,6 @@ from hydro_model.robot import (
     Robot,
 )
 from hydro_model.robot_files import datasheet_inertia
-from hydro_model.spatial import central_inertia
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,8 +50,8 @@ from hydro_ident.parameters.parameters import COMMAND_DELAY, Parameter, paramete
 from hydro_ident.recordings.sources import Source, check_names, short_kept, sources_of
 from hydro_ident.recordings.workers import Here, Workers
 from hydro_ident.rollouts.free_run import FreeRun
+from hydro_model.command_line.terminal import advance
 from hydro_model.robot import Robot
-from hydro_model.terminal import advance
 
 __all__ = ["Identification", "Settings", "identify"]
 

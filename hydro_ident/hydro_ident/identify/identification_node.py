@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from hydro_ident.errors import IdentError, NotEnoughDataError
-from hydro_model.command import run_command
+from hydro_model.command_line.command import run_command
 from hydro_msgs_docs.middleware import prepare_middleware
 from hydro_msgs_docs.node_arguments import check_arguments
 

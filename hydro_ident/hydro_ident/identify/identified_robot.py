@@ -11,9 +11,9 @@ import numpy as np
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit
 from hydro_ident.estimate.forces.inertial import InertialFit
 from hydro_ident.parameters.parameters import Parameter, parameter_list
-from hydro_model.base_parameters import with_base
 from hydro_model.effects.catalogue import resolve
-from hydro_model.rigid_body import mass_matrix
+from hydro_model.multibody.base_parameters import with_base
+from hydro_model.multibody.rigid_body import mass_matrix
 from hydro_model.robot import (
     BaseParameter,
     Cylinder,

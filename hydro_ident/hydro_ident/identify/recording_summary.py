@@ -221,7 +221,7 @@ def _motion(recording: Recording, velocity: FloatArray) -> tuple[JointMotion, ..
 
 def _tracking(recording: Recording, thinned: int) -> Tracking | None:
     """Figures of the tip; None where there is nothing to compare."""
-    from hydro_model.kinematics import tip_position
+    from hydro_model.multibody.kinematics import tip_position
 
     reference = recording.tip_ref
     if reference is None or not np.isfinite(reference).any():

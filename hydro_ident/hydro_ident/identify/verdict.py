@@ -16,10 +16,10 @@ from hydro_ident.estimate.flows.chambers import INVERSE_BULK
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit
 from hydro_ident.estimate.forces.inertial import InertialFit
 from hydro_ident.identify.continuity import Continuity, broken_up, partly_read
-from hydro_model.base_parameters import base_map
-from hydro_model.cylinder import stroke
+from hydro_model.description.robot_checks import LIMITS_SLACK
+from hydro_model.hydraulics.cylinder import stroke
+from hydro_model.multibody.base_parameters import base_map
 from hydro_model.robot import Robot
-from hydro_model.robot_checks import LIMITS_SLACK
 
 IDENTIFIED, PARTLY, NOT_ENOUGH = "identified", "partly_identified", "not_enough_data"
 

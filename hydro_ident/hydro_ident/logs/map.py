@@ -24,8 +24,8 @@ from hydro_ident.logs.signal import (
     signal_of,
     unit_of,
 )
+from hydro_model.description.fields import Fields
 from hydro_model.errors import RobotError
-from hydro_model.fields import Fields
 from hydro_model.robot import Robot
 from hydro_model.robot_files import is_file, load_robot, read_yaml, shipped_robots
 

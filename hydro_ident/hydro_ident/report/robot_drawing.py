@@ -11,10 +11,10 @@ import numpy as np
 from hydro_ident.report.figure import Figure, numbers
 from hydro_ident.report.palette import BEFORE, INK, joint_colour
 from hydro_ident.robots.robot_ranges import drawn_poses
-from hydro_model.closed_chain import part_places
-from hydro_model.cylinder import stroke
-from hydro_model.joint_ranges import limits
-from hydro_model.kinematics import link_frames, tip_position
+from hydro_model.hydraulics.cylinder import stroke
+from hydro_model.multibody.closed_chain import part_places
+from hydro_model.multibody.joint_ranges import limits
+from hydro_model.multibody.kinematics import link_frames, tip_position
 from hydro_model.robot import FloatArray, Robot
 
 #: Poses that are drawn: places within the joints' ranges, all joints alike.

@@ -16,14 +16,14 @@ from hydro_ident.robots.robot_file_gaps import missing_fields
 from hydro_ident.robots.robot_ranges import CylinderRange, cylinder_ranges, drawn_poses
 from hydro_ident.robots.robot_units import unit_errors, unit_warnings
 from hydro_ident.robots.robot_unused import unused_fields
+from hydro_model.description.robot_checks import slightly_wide
 from hydro_model.effects import resolve
 from hydro_model.errors import RobotError
-from hydro_model.joint_ranges import limits
-from hydro_model.rigid_body import mass_matrix
+from hydro_model.multibody.joint_ranges import limits
+from hydro_model.multibody.rigid_body import mass_matrix
+from hydro_model.multibody.spatial import central_inertia
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.robot_checks import slightly_wide
 from hydro_model.robot_files import datasheet_inertia
-from hydro_model.spatial import central_inertia
 
 SCHEMA = "hydro_ident/robot_check/1"
 ERROR, WARNING, NOTE = "error", "warning", "note"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 
-from hydro_model.fields import Fields
+from hydro_model.description.fields import Fields
 from hydro_model.robot import Robot
 from hydro_model.robot_files import read_yaml
 

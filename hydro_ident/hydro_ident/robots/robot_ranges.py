@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from hydro_model.cylinder import inside_stroke, lever, stroke
-from hydro_model.joint_ranges import limits
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.hydraulics.cylinder import inside_stroke, lever, stroke
+from hydro_model.multibody.joint_ranges import limits
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import Cylinder, FloatArray, Robot
 
 #: Positions along a joint's range, poses of the other joints at each.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from hydro_model.description.urdf import Chain, read_chain
 from hydro_model.robot import Robot
-from hydro_model.urdf import Chain, read_chain
 
 
 def unused_fields(robot: Robot) -> Iterator[tuple[str, str]]:

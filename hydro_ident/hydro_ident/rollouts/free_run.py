@@ -40,7 +40,7 @@ from hydro_model.errors import SimulationError
 from hydro_model.robot import FloatArray, Robot
 
 if TYPE_CHECKING:
-    from hydro_model.simulate import Rollout
+    from hydro_model.simulation.simulate import Rollout
 
 #: Of more windows so many are rolled out, evenly spread; of longer runs the beginning.
 MOST_WINDOWS, MOST_WHOLE_S = 200, 600.0

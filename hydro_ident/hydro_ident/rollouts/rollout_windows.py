@@ -20,12 +20,12 @@ from hydro_ident.estimate.scoring.scores import HoldOut
 from hydro_ident.estimate.signals.derivatives import FilterSettings, motion
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.rows import BoolArray
-from hydro_model.cylinder import stroke
 from hydro_model.effects import resolve, with_changes
+from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.robot import FloatArray, Robot
 
 if TYPE_CHECKING:
-    from hydro_model.simulate import Rollout
+    from hydro_model.simulation.simulate import Rollout
 
 #: A roll-out is restarted after at most this long; shorter pieces than `SHORTEST_S` say nothing.
 WINDOW_S, SHORTEST_S = 3.0, 0.5
@@ -177,7 +177,7 @@ def rolled_out(
     SimulationError
         It cannot be integrated.
     """
-    from hydro_model.simulate import simulate
+    from hydro_model.simulation.simulate import simulate
 
     trace, lead = piece.trace, _lead(robot, piece)
     at = slice(piece.begin - lead, piece.end)

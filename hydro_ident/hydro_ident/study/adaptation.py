@@ -26,8 +26,8 @@ from hydro_hw_bridge.rig.truth import Truth
 from hydro_ident.recordings.metrics import TRUTH_HALF_WIDTH, speed_m_s
 from hydro_ident.study.closed_loop import Run, run_closed_loop
 from hydro_ident.study.gain_choice import DEFAULT_SEEDS, START_DELAY_S, models
-from hydro_model.command import Parser, run_command
-from hydro_model.paths import load_path
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.motion.paths import load_path
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hydro_model.command import run_command
+from hydro_model.command_line.command import run_command
 
 if TYPE_CHECKING:
     from hydro_ident.mismatch.naming.baselines import BaselineFinding

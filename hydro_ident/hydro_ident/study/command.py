@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hydro_model.command import Parser, run_command
-from hydro_model.output import STDOUT, add_json, report
-from hydro_model.terminal import advance, progress_bar, say
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.command_line.output import STDOUT, add_json, report
+from hydro_model.command_line.terminal import advance, progress_bar, say
 
 if TYPE_CHECKING:
     from hydro_ident.study.generate import CaseSpec

@@ -21,11 +21,11 @@ import numpy as np
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.bodies.physical import PhysicalParameters
 from hydro_ident.identify.consistent_robot import physical_result
-from hydro_model.base_parameters import base_map
-from hydro_model.command import Parser, run_command
-from hydro_model.part_regrouping import point_mass
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.multibody.base_parameters import base_map
+from hydro_model.multibody.part_regrouping import point_mass
+from hydro_model.multibody.spatial import axis_rotation
 from hydro_model.robot import BaseParameter, FloatArray, Joint, Robot
-from hydro_model.spatial import axis_rotation
 
 MOST_JOINTS = 7
 #: Deviations of the base parameters, relative to the largest one.

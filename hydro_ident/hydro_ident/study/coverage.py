@@ -33,7 +33,7 @@ from hydro_ident.estimate.statistics.moments import Moments
 from hydro_ident.parameters.parameters import NORMAL_95, student_95
 from hydro_ident.study.designed_motion import DesignedMotion
 from hydro_ident.study.synthetic import STEP_S, Noise, synthetic_recording
-from hydro_model.command import Parser, run_command
+from hydro_model.command_line.command import Parser, run_command
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
 

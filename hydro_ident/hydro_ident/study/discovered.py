@@ -47,8 +47,8 @@ from hydro_ident.study.force_margin import Motion, force_margin, motion_along
 from hydro_ident.study.gain_choice import track
 from hydro_ident.study.machine_bags import design_experiment, model_of, record_runs
 from hydro_ident.study.placed import renewed
-from hydro_model.command import Parser, run_command
-from hydro_model.paths import TipPath, load_path
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.motion.paths import TipPath, load_path
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 

@@ -14,12 +14,12 @@ from hydro_ident.design.experiment import LIMITS, design_excitation, design_vali
 from hydro_ident.design.limits import half_range, natural_frequencies_hz
 from hydro_ident.design.program import Entry, Program
 from hydro_ident.errors import IdentError
-from hydro_model.cylinder import lever
-from hydro_model.fields import Fields
-from hydro_model.joint_ranges import middle
-from hydro_model.paths import JointPath
-from hydro_model.paths_kinds import read_segments
-from hydro_model.rigid_body import mass_matrix
+from hydro_model.description.fields import Fields
+from hydro_model.hydraulics.cylinder import lever
+from hydro_model.motion.paths import JointPath
+from hydro_model.motion.paths_kinds import read_segments
+from hydro_model.multibody.joint_ranges import middle
+from hydro_model.multibody.rigid_body import mass_matrix
 from hydro_model.robot import FloatArray, Robot
 
 #: Lengths of the recordings to learn from and to verify on, s.

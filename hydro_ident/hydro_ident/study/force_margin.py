@@ -9,8 +9,8 @@ import numpy as np
 from hydro_hw_bridge.rig.plant import Plant
 from hydro_hw_bridge.rig.pose import joints_for_tip
 from hydro_hw_bridge.rig.truth import Truth
-from hydro_model.cylinder import lever
-from hydro_model.paths import TipPath
+from hydro_model.hydraulics.cylinder import lever
+from hydro_model.motion.paths import TipPath
 from hydro_model.robot import FloatArray, Robot
 
 _STEP_S = 0.02

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hydro_model.command import Parser, run_command
+from hydro_model.command_line.command import Parser, run_command
 
 #: What an axis's hidden physics repeats by: radians of a turn per unit of its variable.
 _RATES = ("vibration_rate", "ripple_count", "stiffness_count", "hum_rate", "drag_rate")

@@ -30,11 +30,11 @@ from hydro_ident.errors import IdentError
 from hydro_ident.identify.identified_robot import with_edge_coefficient, with_viscous_friction
 from hydro_ident.recordings.metrics import TRUTH_HALF_WIDTH, Tracking, tracking
 from hydro_ident.study.closed_loop import run_closed_loop
-from hydro_model.command import Parser, run_command
-from hydro_model.paths import load_path
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.description.urdf import standard_parameters
+from hydro_model.motion.paths import load_path
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
-from hydro_model.urdf import standard_parameters
 
 #: Machines with force margin on the path: of the first six, 102 cannot hold its load there.
 DEFAULT_SEEDS = (101, 103, 104, 105, 106)

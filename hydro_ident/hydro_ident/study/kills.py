@@ -28,8 +28,8 @@ from hydro_ident.bag.reader import METADATA_FILE, read_bag
 from hydro_ident.bag.series import Series
 from hydro_ident.errors import BagError, IdentError
 from hydro_ident.study.sources import digests_of
-from hydro_model.command import Parser, run_command
-from hydro_model.output import write_atomically
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.command_line.output import write_atomically
 from hydro_msgs_docs.middleware import prepare_middleware
 
 TOPICS = ("/joint_states", "/chamber_pressures", "/valve_command", "/valve_state")

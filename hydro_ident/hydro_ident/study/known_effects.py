@@ -18,7 +18,7 @@ from hydro_hw_bridge.rig.random_truth import random_truth
 from hydro_hw_bridge.rig.truth import Truth
 from hydro_ident.recordings.metrics import Tracking
 from hydro_ident.study.gain_choice import exact_model, track
-from hydro_model.command import Parser, run_command
+from hydro_model.command_line.command import Parser, run_command
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 

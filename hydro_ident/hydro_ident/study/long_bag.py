@@ -23,7 +23,7 @@ from hydro_ident.bag.recording import Recording, read_recording
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.study.peak import Spent, spent
 from hydro_ident.study.synthetic import START_NS, synthetic_recording
-from hydro_model.command import Parser, run_command
+from hydro_model.command_line.command import Parser, run_command
 from hydro_model.robot import FloatArray
 from hydro_model.robot_files import load_robot
 

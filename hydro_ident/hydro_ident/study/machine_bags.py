@@ -21,7 +21,7 @@ from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import IdentError
 from hydro_ident.identify.results import MODEL_FILE
 from hydro_ident.study.closed_loop import Run, run_closed_loop
-from hydro_model.paths import JointPath, TipPath, load_path
+from hydro_model.motion.paths import JointPath, TipPath, load_path
 from hydro_model.robot import Robot
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_REFERENCE, JOINT_STATES, VALVE_STATE
 

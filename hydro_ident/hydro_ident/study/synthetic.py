@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hydro_ident.bag.recording import Recording
-from hydro_model.cylinder import lever
+from hydro_model.hydraulics.cylinder import lever
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
-from hydro_model.simulate import simulate
+from hydro_model.simulation.simulate import simulate
 
 STEP_S = 0.002
 #: Cycles between two answers of the position loop, its gain, and the flow of a full valve.

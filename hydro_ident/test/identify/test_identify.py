@@ -16,8 +16,8 @@ from hydro_ident.errors import IdentError
 from hydro_ident.estimate.signals.derivatives import FilterSettings, motion
 from hydro_ident.identify.identification import Identification, identify
 from hydro_ident.identify.identified_robot import _effects
-from hydro_model.base_parameters import base_map
-from hydro_model.cylinder import lever
+from hydro_model.hydraulics.cylinder import lever
+from hydro_model.multibody.base_parameters import base_map
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 

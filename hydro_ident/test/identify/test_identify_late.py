@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from hydro_ident.identify.identification import Identification, identify
-from hydro_model.cylinder import lever, piston_force
 from hydro_model.effects.readings import delayed
+from hydro_model.hydraulics.cylinder import lever, piston_force
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 

@@ -9,7 +9,7 @@ import pytest
 
 from hydro_ident.identify.identification import identify
 from hydro_ident.transducers import zero_pa
-from hydro_model.base_parameters import base_map
+from hydro_model.multibody.base_parameters import base_map
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 

@@ -35,10 +35,10 @@ from hydro_ident.mismatch.verifying.verify import Verification, verify
 from hydro_ident.recordings.sources import sources_of
 from hydro_ident.report.diagnosis_report import report_html
 from hydro_ident.report.page import number, written
-from hydro_model.cylinder import lever, stroke
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.effects.drives import GEAR_BACKLASH
 from hydro_model.effects.targets import ActiveEffect
+from hydro_model.hydraulics.cylinder import lever, stroke
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 

@@ -11,8 +11,8 @@ import pytest
 
 from hydro_ident.mismatch.split.held_out import rms
 from hydro_ident.mismatch.split.residuals import Residuals
-from hydro_model.cylinder import lever
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.hydraulics.cylinder import lever
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot
 
 PARKED, SECONDS, STEP_S = 1, 30.0, 0.002

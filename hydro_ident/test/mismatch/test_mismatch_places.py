@@ -26,11 +26,11 @@ from hydro_ident.mismatch.trials.places import (
     stations,
     tilts,
 )
-from hydro_model.cylinder import stroke
 from hydro_model.effects.bending import usual_inertia
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.effects.targets import ActiveEffect, joint_of
-from hydro_model.rigid_body import mass_matrix
+from hydro_model.hydraulics.cylinder import stroke
+from hydro_model.multibody.rigid_body import mass_matrix
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 

@@ -22,9 +22,9 @@ from hydro_ident.mismatch.rows.shaping import Signals
 from hydro_ident.mismatch.rows.testable import untestable
 from hydro_ident.mismatch.split.parts import spread_parts
 from hydro_ident.mismatch.trials.candidates import trials
-from hydro_model.cylinder import lever
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.effects.targets import ActiveEffect
+from hydro_model.hydraulics.cylinder import lever
 from hydro_model.robot import EffectSpec, Robot
 
 

@@ -29,8 +29,8 @@ from hydro_ident.mismatch.naming.contest import Contest
 from hydro_ident.mismatch.rows.ripple import held_ripple, in_step, known_ripple
 from hydro_ident.mismatch.split.residuals import Residuals, own_forces
 from hydro_ident.mismatch.trials.candidates import trials
-from hydro_model.base_parameters import base_map, with_base
 from hydro_model.effects.catalogue import resolve
+from hydro_model.multibody.base_parameters import base_map, with_base
 from hydro_model.robot import BaseParameter, EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 

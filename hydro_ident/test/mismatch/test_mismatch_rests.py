@@ -19,8 +19,8 @@ from hydro_ident.mismatch.rows.material import Material
 from hydro_ident.mismatch.rows.rests import motions_in, moving_rows, usual_size
 from hydro_ident.mismatch.rows.testable import untestable
 from hydro_ident.mismatch.split.parts import spread_parts
-from hydro_model.cylinder import stroke
 from hydro_model.effects.catalogue import CATALOGUE, resolve
+from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 

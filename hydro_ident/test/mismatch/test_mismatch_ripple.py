@@ -21,9 +21,9 @@ from hydro_ident.mismatch.rows.telling import within
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
 from hydro_ident.recordings.sources import sources_of
-from hydro_model.cylinder import chamber_volumes
+from hydro_model.hydraulics.cylinder import chamber_volumes
+from hydro_model.hydraulics.valve import edge_flows
 from hydro_model.robot_files import load_robot
-from hydro_model.valve import edge_flows
 
 CYCLE_S, FINE = 0.002, 400
 BULK_PA = 1.1e9

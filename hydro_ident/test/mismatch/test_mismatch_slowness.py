@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from hydro_ident.mismatch.fitting import slowness
 from hydro_ident.mismatch.rows.choices import Choices
 from hydro_ident.mismatch.split.residuals import Residuals
-from hydro_model.simulate import simulate
+from hydro_model.simulation.simulate import simulate
 
 STEP_S, SECONDS = 0.002, 60.0
 MakeRun = tuple[Callable[..., Any], Callable[..., Any]]

@@ -12,8 +12,8 @@ import pytest
 from hydro_ident.mismatch.fitting.training import start_model
 from hydro_ident.mismatch.rows.rests import motions_in, motions_of, moving_rows
 from hydro_ident.mismatch.split.residuals import Residuals
-from hydro_model.cylinder import stroke
 from hydro_model.effects.catalogue import resolve
+from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.robot import EffectSpec
 
 JOINT = 1

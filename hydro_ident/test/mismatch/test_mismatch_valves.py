@@ -18,9 +18,9 @@ from hydro_ident.mismatch.rows.state_space import SIGNALS, factor_sizes, row_val
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.mismatch.trials.candidates import trials
 from hydro_model.effects.catalogue import resolve
+from hydro_model.effects.signals import VALVE_SIGNAL
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
-from hydro_model.signals import VALVE_SIGNAL
 
 Make = tuple[Callable[..., Robot], Callable[..., Any]]
 BENT = EffectSpec("valve_gain_nonlinearity", "lift_valve", {"progression": 0.6, "knee": 0.06})

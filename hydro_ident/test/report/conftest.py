@@ -11,7 +11,7 @@ import pytest
 
 from hydro_ident.bag.recording import Recording
 from hydro_ident.identify.identification import Identification, identify
-from hydro_model.kinematics import tip_position
+from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot_files import load_robot
 
 ORIGIN = {

@@ -14,10 +14,10 @@ from hydro_model.effects import ActiveEffect, Readings
 from hydro_model.effects.bending import Load
 from hydro_model.effects.catalogue import acting_share
 from hydro_model.effects.rows import signal_rows
+from hydro_model.effects.signals import PISTON_FORCE, PISTON_POSITION
 from hydro_model.effects.targets import joint_of
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.signals import PISTON_FORCE, PISTON_POSITION
 
 #: Samples that a derivative needs.
 _FEWEST = 5

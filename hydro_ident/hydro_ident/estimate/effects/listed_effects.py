@@ -40,18 +40,18 @@ from hydro_ident.estimate.flows.rails import railed
 from hydro_ident.estimate.forces.inertial import Motion
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import Trace, last_known
-from hydro_model.cylinder import chamber_volumes
 from hydro_model.effects import with_changes
 from hydro_model.effects.catalogue import ActiveEffect, resolve, target_name
 from hydro_model.effects.effect import Stage
-from hydro_model.robot import FloatArray, Robot
-from hydro_model.signals import (
+from hydro_model.effects.signals import (
     PISTON_VELOCITY,
     PRESSURE_A,
     PRESSURE_B,
     VALVE_SIGNAL,
 )
-from hydro_model.valve import edge_flows
+from hydro_model.hydraulics.cylinder import chamber_volumes
+from hydro_model.hydraulics.valve import edge_flows
+from hydro_model.robot import FloatArray, Robot
 
 _RAILS = (Stage.SUPPLY, Stage.TANK)
 

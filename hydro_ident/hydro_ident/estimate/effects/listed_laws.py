@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from hydro_model.effects.compiled import signals_read
 from hydro_model.effects.effect import Stage
+from hydro_model.effects.signals import SIGNAL_COUNT
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
-from hydro_model.signals import SIGNAL_COUNT
 
 #: The one law on the valve signal that is fitted, by Gauss-Newton steps.
 NULL_BIAS = "valve_null_bias.bias"

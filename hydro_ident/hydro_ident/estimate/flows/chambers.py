@@ -1,7 +1,7 @@
 """The integrated mass balance of one cylinder chamber, linear in its parameters.
 
-With gauge pressures, flow into the chamber positive (`hydro_model.valve`) and V the chamber's
-volume, eqs. 10 to 12 say ``q(u, p) - dV/dt = V / beta dp/dt``. Over a window it becomes
+With gauge pressures, flow into the chamber positive (`hydro_model.hydraulics.valve`) and V the
+chamber's volume, eqs. 10 to 12 say ``q(u, p) - dV/dt = V / beta dp/dt``. Over a window it becomes
 
     dV = c_1 int g_1 dt + c_2 int g_2 dt - (1 / beta) int V dp
 
@@ -24,7 +24,7 @@ import numpy as np
 
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.least_squares import BoolArray, Rows
-from hydro_model.cylinder import chamber_volumes
+from hydro_model.hydraulics.cylinder import chamber_volumes
 from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
 
 Side = Literal["a", "b"]

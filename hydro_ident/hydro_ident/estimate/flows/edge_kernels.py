@@ -6,15 +6,15 @@ import math
 
 from numba import njit
 
+from hydro_model.hydraulics.valve import SMOOTH_PRESSURE_PA
 from hydro_model.robot import FloatArray
-from hydro_model.valve import SMOOTH_PRESSURE_PA
 
 _SMOOTH = SMOOTH_PRESSURE_PA**2
 
 
 @njit(cache=True, error_model="numpy")
 def root(difference: float) -> float:
-    """`hydro_model.valve.signed_root` of a `difference` in Pa."""
+    """`hydro_model.hydraulics.valve.signed_root` of a `difference` in Pa."""
     return difference / math.sqrt(math.sqrt(difference * difference + _SMOOTH))
 
 

@@ -25,7 +25,7 @@ from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.moments import Moments
 from hydro_ident.estimate.statistics.robust import Weights
 from hydro_ident.estimate.statistics.rows import Rows
-from hydro_model.cylinder import chamber_volumes
+from hydro_model.hydraulics.cylinder import chamber_volumes
 from hydro_model.robot import FloatArray, Robot
 
 #: Names and columns of the listed effects' linear parameters for a chamber and a trace.

@@ -13,9 +13,7 @@ from typing import Any, NamedTuple
 
 from hydro_ident.estimate.flows.edge_kernels import root
 from hydro_model.effects.compiled import call_law
-from hydro_model.kernel import kernel
-from hydro_model.robot import FloatArray
-from hydro_model.signals import (
+from hydro_model.effects.signals import (
     PISTON_POSITION,
     PRESSURE_A,
     PRESSURE_B,
@@ -28,6 +26,8 @@ from hydro_model.signals import (
     VALVE_FLOW_B,
     VALVE_SIGNAL,
 )
+from hydro_model.numerics.kernel import kernel
+from hydro_model.robot import FloatArray
 
 #: Share of a step after which each stage's rates hold.
 _STAGE = 1.0 - math.sqrt(0.5)

@@ -21,9 +21,7 @@ from hydro_model.effects.compiled import law_address, signals_read
 from hydro_model.effects.effect import Stage
 from hydro_model.effects.law import ROBOT_STAGES, InternalState, Term
 from hydro_model.effects.rows import constant_signals
-from hydro_model.effects.targets import ActiveEffect
-from hydro_model.robot import FloatArray, Robot
-from hydro_model.signals import (
+from hydro_model.effects.signals import (
     PISTON_POSITION,
     PRESSURE_A,
     PRESSURE_B,
@@ -38,6 +36,8 @@ from hydro_model.signals import (
     VALVE_FLOW_B,
     VALVE_SIGNAL,
 )
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import FloatArray, Robot
 from hydro_msgs_docs.cdr import IntArray
 
 #: The flow that each line's laws follow.

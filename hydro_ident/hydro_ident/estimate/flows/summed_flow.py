@@ -29,7 +29,7 @@ from hydro_ident.estimate.flows.chambers import (
 )
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.least_squares import Rows
-from hydro_model.cylinder import piston_force
+from hydro_model.hydraulics.cylinder import piston_force
 from hydro_model.robot import FloatArray, Robot
 
 #: Columns of `summed_rows`.

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hydro_ident.estimate.statistics.least_squares import Fit
-from hydro_model.base_parameters import BaseMap
+from hydro_model.multibody.base_parameters import BaseMap
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, Cylinder, FloatArray, Robot
 
 IndexArray = NDArray[np.intp]

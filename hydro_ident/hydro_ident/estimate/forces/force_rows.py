@@ -24,9 +24,9 @@ from hydro_ident.estimate.signals.derivatives import (
 )
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.rows import Rows
-from hydro_model.base_parameters import BaseMap, base_map
-from hydro_model.cylinder import lever, piston_force
-from hydro_model.rigid_body import regressor
+from hydro_model.hydraulics.cylinder import lever, piston_force
+from hydro_model.multibody.base_parameters import BaseMap, base_map
+from hydro_model.multibody.rigid_body import regressor
 from hydro_model.robot import FloatArray, Robot
 
 

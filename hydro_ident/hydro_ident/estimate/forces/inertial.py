@@ -32,8 +32,8 @@ from hydro_ident.estimate.statistics.blocks import Blocks, blocks_of
 from hydro_ident.estimate.statistics.least_squares import Fit, Rows, fit_of_solution
 from hydro_ident.estimate.statistics.moments import Moments
 from hydro_ident.estimate.statistics.regression import Solution, solve_wls
-from hydro_model.cylinder import lever
-from hydro_model.joint_ranges import limits
+from hydro_model.hydraulics.cylinder import lever
+from hydro_model.multibody.joint_ranges import limits
 from hydro_model.robot import FloatArray, Joint, Robot
 
 __all__ = [

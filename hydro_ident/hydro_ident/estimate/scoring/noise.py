@@ -16,8 +16,8 @@ from hydro_ident.estimate.signals.derivatives import (
 )
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_model.cylinder import lever
-from hydro_model.rigid_body import mass_matrix
+from hydro_model.hydraulics.cylinder import lever
+from hydro_model.multibody.rigid_body import mass_matrix
 from hydro_model.robot import FloatArray, Robot
 
 

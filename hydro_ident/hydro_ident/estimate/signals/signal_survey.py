@@ -12,7 +12,7 @@ from hydro_ident.bag.grid import runs
 from hydro_ident.estimate.signals.spikes import SHORTEST, spike_sizes
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.histogram import Histogram
-from hydro_model.cylinder import chamber_volumes, lever
+from hydro_model.hydraulics.cylinder import chamber_volumes, lever
 from hydro_model.robot import FloatArray, Robot
 
 #: Share of normal noise within a standard deviation.

@@ -13,7 +13,7 @@ from hydro_ident.bag.streaming import Piece
 from hydro_ident.estimate.signals.bridging import joined, stretches
 from hydro_ident.estimate.signals.parting import borders_of, parts_of
 from hydro_ident.estimate.statistics.rows import BoolArray
-from hydro_model.cylinder import stroke
+from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.robot import FloatArray, Robot
 from hydro_msgs_docs.cdr import IntArray
 

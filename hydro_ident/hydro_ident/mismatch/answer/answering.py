@@ -30,7 +30,7 @@ from hydro_ident.mismatch.unnamed.describe import form_of
 from hydro_ident.mismatch.unnamed.unknown import Unexplained, unexplained
 from hydro_ident.mismatch.unnamed.wavering import wavering
 from hydro_ident.mismatch.verifying.confirm import Confirmer
-from hydro_model.terminal import advance
+from hydro_model.command_line.terminal import advance
 
 #: Of a diagnosis, as `advance` counts them.
 STAGES = 7

@@ -56,8 +56,8 @@ from hydro_ident.mismatch.trials.exclusion import shut_out
 from hydro_ident.mismatch.unnamed.unknown import Unexplained
 from hydro_ident.recordings.sources import KeptSource, Source, check_names, sources_of
 from hydro_ident.rollouts.free_run import FreeRun, free_run
+from hydro_model.command_line.terminal import advance
 from hydro_model.robot import Robot
-from hydro_model.terminal import advance
 
 #: Share of the error (rms) left by findings that explain less than is left.
 _HARDLY = 0.7

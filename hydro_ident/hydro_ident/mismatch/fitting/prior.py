@@ -19,7 +19,7 @@ from hydro_ident.mismatch.rows.base_columns import DELAY
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
 from hydro_ident.mismatch.rows.ripple import in_step, known_ripple
 from hydro_ident.mismatch.rows.skew import usual_skew
-from hydro_model.base_parameters import BaseMap
+from hydro_model.multibody.base_parameters import BaseMap
 from hydro_model.robot import STANDARD_PARAMETERS, FloatArray, Robot
 
 #: What is held without a known deviation is held to this share of its size.

@@ -15,11 +15,11 @@ from hydro_ident.mismatch.rows.prediction import Model, Predictor
 from hydro_ident.mismatch.rows.ripple import largest_ripple
 from hydro_ident.mismatch.rows.skew import TORQUES, is_listed, largest_skew
 from hydro_ident.mismatch.settings import LEAST_EXCESS
-from hydro_model.base_parameters import with_base
 from hydro_model.effects.flexibility import CARRIED, PLACE
 from hydro_model.effects.friction import BEND, VELOCITY_SCALE
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.effects.valve_effects import KNEE, TRAVEL
+from hydro_model.multibody.base_parameters import with_base
 from hydro_model.robot import FloatArray, Robot, Valve
 
 #: A shape parameter moves by no more than this factor per pass.

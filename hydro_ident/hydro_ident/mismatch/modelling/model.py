@@ -18,8 +18,8 @@ from hydro_ident.mismatch.fitting.zeros import of_zeros
 from hydro_ident.mismatch.rows.base_columns import DELAY
 from hydro_ident.mismatch.rows.prediction import Predictor
 from hydro_ident.mismatch.rows.skew import TORQUES
-from hydro_model.base_parameters import with_base
 from hydro_model.effects.targets import ActiveEffect
+from hydro_model.multibody.base_parameters import with_base
 from hydro_model.robot import BaseParameter, Cylinder, EffectSpec, FloatArray, Joint, Robot
 
 #: Difference between valves' delays that is worth a note.

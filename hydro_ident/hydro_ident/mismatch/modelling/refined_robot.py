@@ -15,8 +15,8 @@ from hydro_ident.mismatch.modelling.shooting import Unknowns
 from hydro_ident.mismatch.modelling.shots import Shots
 from hydro_ident.mismatch.rows.base_columns import DELAY
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
-from hydro_model.closed_chain import with_parameters
 from hydro_model.effects.targets import ActiveEffect
+from hydro_model.multibody.closed_chain import with_parameters
 from hydro_model.robot import FloatArray, Robot
 
 #: Step of a derivative as a share of a parameter's size; of the base, in its deviations.

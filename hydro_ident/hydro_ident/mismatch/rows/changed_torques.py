@@ -10,7 +10,7 @@ from hydro_ident.estimate.forces.force_rows import Motion
 from hydro_ident.mismatch.rows.material import Stretch
 from hydro_model.effects.bending import Load, bears
 from hydro_model.effects.targets import ActiveEffect, joint_of
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray, Robot
 
 #: Changes whose torques are kept at a time, per stretch: what is scanned in many instants is

@@ -23,8 +23,8 @@ from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.identify.survey import still_joints_of
 from hydro_ident.mismatch.rows.rests import usual_size
 from hydro_ident.mismatch.settings import LONGEST_DELAY_S
-from hydro_model.cylinder import lever
-from hydro_model.rigid_body import mass_matrix
+from hydro_model.hydraulics.cylinder import lever
+from hydro_model.multibody.rigid_body import mass_matrix
 from hydro_model.robot import FloatArray
 
 #: Noise that is borne: of a velocity, as a share of the usual speed of its joint; of inertia's

@@ -23,12 +23,12 @@ from hydro_ident.mismatch.rows.force_rows import forces_of, measured
 from hydro_ident.mismatch.rows.material import Place, Stretch, pressure_of
 from hydro_ident.mismatch.rows.modelled import Model, gives_way, same, shapes
 from hydro_ident.mismatch.rows.shaping import Signals
-from hydro_model.cylinder import chamber_volumes
 from hydro_model.effects.catalogue import acting_share
 from hydro_model.effects.effect import Stage
+from hydro_model.effects.signals import LEVER
 from hydro_model.effects.targets import ActiveEffect, joint_of, parts
+from hydro_model.hydraulics.cylinder import chamber_volumes
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.signals import LEVER
 
 _VOLUME = {"a": Stage.VOLUME_A, "b": Stage.VOLUME_B}
 _COMPLIANCE = {"a": Stage.COMPLIANCE_A, "b": Stage.COMPLIANCE_B}

@@ -20,9 +20,9 @@ from hydro_ident.estimate.flows.in_series import FLOW
 from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_model.effects.compiled import signals_read
 from hydro_model.effects.rows import set_valve_signal
+from hydro_model.effects.signals import VALVE_FLOW_A, VALVE_FLOW_B, VALVE_SIGNAL
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.signals import VALVE_FLOW_A, VALVE_FLOW_B, VALVE_SIGNAL
 
 _PASSED = {"a": VALVE_FLOW_A, "b": VALVE_FLOW_B}
 _OF_VALVE = frozenset({VALVE_SIGNAL, VALVE_FLOW_A, VALVE_FLOW_B})

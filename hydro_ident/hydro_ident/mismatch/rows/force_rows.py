@@ -7,7 +7,7 @@ import numpy as np
 from hydro_ident.estimate.forces.force_rows import measured_force
 from hydro_ident.estimate.signals.derivatives import low_pass, smooth_rates
 from hydro_ident.mismatch.rows.material import Material, Stretch
-from hydro_model.cylinder import lever
+from hydro_model.hydraulics.cylinder import lever
 from hydro_model.robot import FloatArray, Robot
 
 

@@ -10,12 +10,12 @@ import numpy as np
 from hydro_ident.estimate.flows.chambers import Chamber
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.mismatch.rows.material import Stretch
-from hydro_model import signals as names
-from hydro_model.cylinder import piston_force
+from hydro_model.effects import signals as names
 from hydro_model.effects.compiled import signals_read
 from hydro_model.effects.law import Stage
 from hydro_model.effects.rows import constant_signals, set_valve_signal, signal_rows
 from hydro_model.effects.targets import ActiveEffect
+from hydro_model.hydraulics.cylinder import piston_force
 from hydro_model.robot import FloatArray, Robot
 
 #: What no law can look at where the pressure of chamber a, or b, is not known.

@@ -25,9 +25,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_model.cylinder import chamber_volumes
+from hydro_model.hydraulics.cylinder import chamber_volumes
+from hydro_model.hydraulics.valve import edge_flows
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.valve import edge_flows
 
 #: Volumes are taken to be no less than this share of what the piston sweeps.
 _LEAST_VOLUME = 0.02

@@ -25,9 +25,9 @@ from hydro_ident.mismatch.rows.material import Material, Stretch
 from hydro_ident.mismatch.rows.modelled import Model, gives_way, identical, same_base
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.effects.effect import Stage
+from hydro_model.effects.signals import VALVE_SIGNAL
 from hydro_model.effects.targets import ActiveEffect, parts
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.signals import VALVE_SIGNAL
 
 #: Sets of laws on the valve signal whose outcome is kept at a time.
 _KEPT_SHAPES = 6

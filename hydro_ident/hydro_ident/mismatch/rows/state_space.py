@@ -11,7 +11,7 @@ from hydro_ident.estimate.flows.chambers import INVERSE_BULK
 from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.rows.material import Stretch
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
-from hydro_model import signals as sig
+from hydro_model.effects import signals as sig
 from hydro_model.robot import FloatArray
 
 #: Variables by signal of the channel's own cylinder.

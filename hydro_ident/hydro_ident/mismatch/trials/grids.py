@@ -19,15 +19,15 @@ from hydro_model.effects.effect import Effect
 from hydro_model.effects.flexibility import CARRIED
 from hydro_model.effects.friction import BEND
 from hydro_model.effects.law import ParameterSpec
-from hydro_model.effects.targets import ActiveEffect
-from hydro_model.effects.valve_edges import SHIFT
-from hydro_model.effects.valve_effects import KNEE, TRAVEL
-from hydro_model.signals import (
+from hydro_model.effects.signals import (
     PISTON_FORCE,
     PISTON_POSITION,
     VALVE_RATE,
     VALVE_SIGNAL,
 )
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.effects.valve_edges import SHIFT
+from hydro_model.effects.valve_effects import KNEE, TRAVEL
 
 #: Torque over which the flanks of a drive's play come to bear.
 FLANK = "contact_torque"

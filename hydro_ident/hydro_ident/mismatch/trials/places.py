@@ -16,11 +16,7 @@ from hydro_ident.mismatch.rows.prediction import Model, Predictor
 from hydro_model.effects.bending import next_parallel, usual_inertia
 from hydro_model.effects.catalogue import CATALOGUE, ActiveEffect
 from hydro_model.effects.flexibility import CARRIED, PLACE, hinged
-from hydro_model.effects.targets import joint_of
-from hydro_model.hinge_kernels import MOST_SWUNG
-from hydro_model.rigid_body import inverse_dynamics, mass_matrix
-from hydro_model.robot import Robot
-from hydro_model.signals import (
+from hydro_model.effects.signals import (
     JOINT_POSITION,
     PISTON_POSITION,
     PRESSURE_A,
@@ -30,6 +26,10 @@ from hydro_model.signals import (
     TRAVEL_LOW,
     VALVE_SIGNAL,
 )
+from hydro_model.effects.targets import joint_of
+from hydro_model.multibody.rigid_body import inverse_dynamics, mass_matrix
+from hydro_model.robot import Robot
+from hydro_model.simulation.hinge_kernels import MOST_SWUNG
 
 FURTHER_FACTORS = (0.4, 1.0, 2.5)
 #: Places along a range at which positions and times are tried.
@@ -278,7 +278,7 @@ def quantiles(
     model : Model
     one : ActiveEffect
     signals : sequence of int
-        Of `hydro_model.signals`, taken together.
+        Of `hydro_model.effects.signals`, taken together.
     """
     values = []
     for stretch in predictor.signals.readings.stretches(model):

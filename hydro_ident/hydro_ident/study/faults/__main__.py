@@ -22,7 +22,7 @@ from hydro_ident.study.faults.wall_ends import EndDeeds
 from hydro_ident.study.faults.wall_link import LinkDeeds
 from hydro_ident.study.faults.wall_processes import ProcessDeeds
 from hydro_ident.study.placed import write_result
-from hydro_model.command import Parser, run_command
+from hydro_model.command_line.command import Parser, run_command
 from hydro_model.robot_files import load_robot
 
 SCHEMA = "hydro_ident/faults/2"

@@ -8,8 +8,8 @@ from hydro_control.core.core import ControllerCore, Sample
 from hydro_control.gains import Gains
 from hydro_hw_bridge.faults.command_faults import Command
 from hydro_hw_bridge.protocol import bridge_step
-from hydro_model.kinematics import tip_position
-from hydro_model.paths import TipPath
+from hydro_model.motion.paths import TipPath
+from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot import Robot
 
 #: A path of the tip from the middle of the range, brisk from the first sample on.

@@ -12,8 +12,8 @@ from typing import Any
 
 from hydro_ident.study.fuzz.campaign import campaign
 from hydro_ident.study.fuzz.sources import changed, digests
-from hydro_model.command import Parser, run_command
-from hydro_model.output import write_atomically
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.command_line.output import write_atomically
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -19,7 +19,15 @@ MODULES = {
     "hydro_hw_bridge/hydro_hw_bridge/protocol": ("codec", "e2e", "layout", "mapping", "signals"),
     "hydro_msgs_docs/hydro_msgs_docs": ("cdr",),
     "ros2_ws/src/hydro_model/hydro_model": (
-        *("fields", "robot", "robot_checks", "robot_files", "safe_yaml", "urdf", "urdf_xml"),
+        *(
+            "description/fields",
+            "robot",
+            "description/robot_checks",
+            "robot_files",
+            "description/safe_yaml",
+            "description/urdf",
+            "description/urdf_xml",
+        ),
     ),
 }
 #: Read no file of other people's.

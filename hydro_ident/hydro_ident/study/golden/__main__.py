@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hydro_ident.errors import IdentError
-from hydro_model.command import Parser, run_command
+from hydro_model.command_line.command import Parser, run_command
 
 KINDS = ("control", "diagnosis")
 _SHOWN = 20

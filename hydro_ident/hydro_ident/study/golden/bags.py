@@ -15,8 +15,8 @@ from hydro_hw_bridge.rig.truth import Truth
 from hydro_hw_bridge.rig.truth_files import load_truth
 from hydro_ident.study.closed_loop import Run, run_closed_loop
 from hydro_ident.study.machine_bags import write_bag
-from hydro_model.paths import JointPath, TipPath
-from hydro_model.paths_segments import Quintic
+from hydro_model.motion.paths import JointPath, TipPath
+from hydro_model.motion.paths_segments import Quintic
 from hydro_model.robot_files import load_robot
 
 ROBOT, TRUTH, SEED = "xs031", "realistic", 6

@@ -28,7 +28,7 @@ from hydro_ident.study.mutants.page import (
 from hydro_ident.study.mutants.trial import SURVIVED, covered, prepare, tried
 from hydro_ident.study.placed import write_result
 from hydro_ident.study.sources import digests_of
-from hydro_model.command import Parser, run_command
+from hydro_model.command_line.command import Parser, run_command
 
 
 def parser() -> argparse.ArgumentParser:

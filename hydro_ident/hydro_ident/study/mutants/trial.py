@@ -35,10 +35,10 @@ _SLOW = (
     "_pytest.doctest",
     "_pytest.junitxml",
     "xdist.scheduler",
-    "hydro_model.command",
+    "hydro_model.command_line.command",
     "hydro_model.effects",
-    "hydro_model.kinematics",
-    "hydro_model.rigid_body",
+    "hydro_model.multibody.kinematics",
+    "hydro_model.multibody.rigid_body",
     "hydro_model.robot_files",
 )
 #: Of processor time, many times what the tests take: a change that never ends is found by it.

@@ -14,7 +14,7 @@ from hydro_ident.study.placed import write_result
 from hydro_ident.study.sabotage.listed import SABOTAGES
 from hydro_ident.study.sabotage.page import PAGE, result_of, with_table
 from hydro_ident.study.sabotage.trial import PACKAGE, outcomes
-from hydro_model.command import Parser, run_command
+from hydro_model.command_line.command import Parser, run_command
 
 
 def parser() -> argparse.ArgumentParser:

@@ -24,7 +24,7 @@ _SLOW = (
     "numba",
     "scipy.linalg",
     "scipy.signal",
-    "hydro_model.simulate",
+    "hydro_model.simulation.simulate",
     "hydro_model.robot_files",
 )
 #: Far longer than any of the tests takes on a busy machine.

@@ -18,6 +18,6 @@ Arguments that mean the same in every package, for n joints, m cylinders and N s
 - `arguments`: words of a command line; None: those of the process.
 """
 
-from hydro_model.compile_cache import use_user_cache
+from hydro_model.numerics.compile_cache import use_user_cache
 
 use_user_cache()

@@ -13,9 +13,9 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hydro_model.command import Parser, run_command
+from hydro_model.command_line.command import Parser, run_command
+from hydro_model.command_line.output import write_text
 from hydro_model.errors import RobotError
-from hydro_model.output import write_text
 from hydro_model.robot import Sensors
 
 _OPTIONS = {
@@ -248,8 +248,8 @@ def _ratings(options: argparse.Namespace) -> dict[str, float | None]:
 
 def _run(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(arguments)
+    from hydro_model.description.urdf import read_chain
     from hydro_model.robot_files import load_robot
-    from hydro_model.urdf import read_chain
 
     out = options.urdf.with_suffix(".hydraulics.yaml")
     if not options.urdf.is_file():

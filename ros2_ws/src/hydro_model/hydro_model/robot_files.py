@@ -11,8 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
+from hydro_model.description.fields import Fields
+from hydro_model.description.robot_checks import (
+    check_known,
+    check_once,
+    check_robot,
+    within_strokes,
+)
+from hydro_model.description.safe_yaml import UnusableYamlError, parse
+from hydro_model.description.shipped import shipped_robots as shipped_robots
+from hydro_model.description.urdf import Chain, read_chain
 from hydro_model.errors import RobotError
-from hydro_model.fields import Fields
 from hydro_model.robot import (
     PART_PARAMETERS,
     STANDARD_PARAMETERS,
@@ -26,10 +35,6 @@ from hydro_model.robot import (
     Sensors,
     Valve,
 )
-from hydro_model.robot_checks import check_known, check_once, check_robot, within_strokes
-from hydro_model.safe_yaml import UnusableYamlError, parse
-from hydro_model.shipped import shipped_robots as shipped_robots
-from hydro_model.urdf import Chain, read_chain
 
 MODEL_SCHEMA = "hydro_model/model/1"
 MAX_FILE_BYTES = 4_000_000
@@ -213,8 +218,8 @@ def _covariance(top: Fields, size: int) -> FloatArray | None:
 
 def _with_base(robot: Robot, path: Path) -> Robot:
     """The robot whose inertia is that of its base parameters."""
-    from hydro_model.base_parameters import leading_value
-    from hydro_model.closed_chain import with_parameters
+    from hydro_model.multibody.base_parameters import leading_value
+    from hydro_model.multibody.closed_chain import with_parameters
 
     names = robot.parameter_names
     values = np.array(robot.parameter_vector, dtype=float)

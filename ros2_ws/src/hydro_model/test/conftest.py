@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_model.part_regrouping import point_mass
+from hydro_model.multibody.part_regrouping import point_mass
 from hydro_model.robot import Cylinder, EffectSpec, FloatArray, Joint, Robot, Valve
 from hydro_model.robot_files import shipped_robots
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hydro_model.base_parameters import BaseMap, base_map, payload_map, with_base
-from hydro_model.rigid_body import inverse_dynamics, regressor
+from hydro_model.multibody.base_parameters import BaseMap, base_map, payload_map, with_base
+from hydro_model.multibody.rigid_body import inverse_dynamics, regressor
 from hydro_model.robot import FloatArray, Joint, Robot
 from hydro_model.robot_files import load_robot
 

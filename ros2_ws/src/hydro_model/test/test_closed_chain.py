@@ -10,14 +10,14 @@ import pinocchio
 import pytest
 from scipy.integrate import solve_ivp
 
-from hydro_model import rigid_body, rigid_body_reference
-from hydro_model.base_parameters import base_map
-from hydro_model.closed_chain import part_places, pins, with_parameters
-from hydro_model.cylinder import stroke
 from hydro_model.errors import RobotError
+from hydro_model.hydraulics.cylinder import stroke
+from hydro_model.multibody import rigid_body, rigid_body_reference
+from hydro_model.multibody.base_parameters import base_map
+from hydro_model.multibody.closed_chain import part_places, pins, with_parameters
+from hydro_model.multibody.spatial import axis_rotation
 from hydro_model.robot import Cylinder, CylinderPart, FloatArray, Robot
 from hydro_model.robot_files import load_robot
-from hydro_model.spatial import axis_rotation
 
 MakeChain = Callable[..., Robot]
 CHAINS = [(seed, dof) for dof in range(1, 6) for seed in (0, 1)]

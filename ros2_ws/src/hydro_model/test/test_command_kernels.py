@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.integrate import RK45, solve_ivp
 
-from hydro_model.dormand_prince import BETWEEN
 from hydro_model.effects.law import Row, Stage, Term
+from hydro_model.effects.signals import PRESSURE_A, VALVE_SIGNAL
+from hydro_model.numerics.dormand_prince import BETWEEN
 from hydro_model.robot import Robot
-from hydro_model.signals import PRESSURE_A, VALVE_SIGNAL
-from hydro_model.simulate import Model, simulate
-from hydro_model.simulate_arrays import model_arrays
-from hydro_model.simulate_reference import reference_rates
+from hydro_model.simulation.simulate import Model, simulate
+from hydro_model.simulation.simulate_arrays import model_arrays
+from hydro_model.simulation.simulate_reference import reference_rates
 
 QUICK = {
     "valve_rate_limit": {"rate": 20.0, "time_constant": 5e-4},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hydro_model.command import Parser
+from hydro_model.command_line.command import Parser
 
 
 def parser() -> Parser:

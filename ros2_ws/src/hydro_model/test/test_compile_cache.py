@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hydro_model import compile_cache
+from hydro_model.numerics import compile_cache
 
 
 def test_caches_in_use_outlive_those_that_are_not(

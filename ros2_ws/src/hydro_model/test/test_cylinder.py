@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hydro_model import cylinder as geometry
 from hydro_model.errors import RobotError
+from hydro_model.hydraulics import cylinder as geometry
 from hydro_model.robot import Cylinder
 from hydro_model.robot_files import load_robot
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_model import signals as sig
+from hydro_model.effects import signals as sig
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.effects.drives import ROTOR_LAG_S
 from hydro_model.effects.rows import signal_rows
@@ -15,7 +15,7 @@ from hydro_model.effects.targets import targets
 from hydro_model.errors import RobotError
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
-from hydro_model.simulate import simulate
+from hydro_model.simulation.simulate import simulate
 
 CRANE = load_robot("xs031")
 ROTOR, GEAR = CATALOGUE["rotor_inertia"], CATALOGUE["load_dependent_friction"]

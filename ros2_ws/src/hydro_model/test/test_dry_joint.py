@@ -11,8 +11,8 @@ from hydro_model.effects import CATALOGUE, resolve
 from hydro_model.errors import RobotError
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
-from hydro_model.simulate import Model, simulate
-from hydro_model.simulate_reference import reference_rates
+from hydro_model.simulation.simulate import Model, simulate
+from hydro_model.simulation.simulate_reference import reference_rates
 
 
 @pytest.fixture(scope="module")

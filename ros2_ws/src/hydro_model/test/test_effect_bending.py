@@ -14,12 +14,12 @@ from hydro_model.effects.bending import Load, bent, usual_inertia
 from hydro_model.effects.law import Stage
 from hydro_model.effects.rows import signal_rows
 from hydro_model.errors import RobotError, SimulationError
-from hydro_model.joint_ranges import middle
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.multibody.joint_ranges import middle
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import EffectSpec, FloatArray, Robot
 from hydro_model.robot_files import load_robot
-from hydro_model.simulate import Model, simulate
-from hydro_model.simulate_reference import reference_rates
+from hydro_model.simulation.simulate import Model, simulate
+from hydro_model.simulation.simulate_reference import reference_rates
 
 STEP = 0.002
 FROM_PINOCCHIO = [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]

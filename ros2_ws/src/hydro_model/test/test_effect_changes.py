@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from hydro_model.effects import resolve, with_changes
-from hydro_model.kinematics import tip_jacobian
-from hydro_model.rigid_body import inverse_dynamics, mass_matrix
+from hydro_model.multibody.kinematics import tip_jacobian
+from hydro_model.multibody.rigid_body import inverse_dynamics, mass_matrix
 from hydro_model.robot import CylinderPart, EffectSpec, Robot
 from hydro_model.robot_files import load_robot
-from hydro_model.simulate import Model, simulate
+from hydro_model.simulation.simulate import Model, simulate
 
 CRANE = load_robot("xs031")
 Q = np.array([0.4, -1.1])
@@ -193,7 +193,7 @@ def test_the_flexible_share_leaves_the_link_for_its_law_only() -> None:
 def test_contact_pushes_as_the_tips_jacobian_says() -> None:
     """Accelerations with and without ground differ by M^-1 J^T F."""
     ground = ("external_contact", "xs031", {"stiffness": 2e5, "height": 10.0})
-    from hydro_model.kinematics import tip_position
+    from hydro_model.multibody.kinematics import tip_position
 
     force = 2e5 * (10.0 - tip_position(CRANE, Q)[2])
     state = np.concatenate([Q, ZERO, [8e6, 5e6, 4e6, 6e6]])

@@ -10,12 +10,12 @@ import pytest
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import lti, step
 
-from hydro_model import signals as sig
 from hydro_model.effects import CATALOGUE, Stage
+from hydro_model.effects import signals as sig
 from hydro_model.effects.rows import signal_rows
+from hydro_model.hydraulics.valve import signed_root
 from hydro_model.robot import EffectSpec, Robot
-from hydro_model.simulate import Rollout, simulate
-from hydro_model.valve import signed_root
+from hydro_model.simulation.simulate import Rollout, simulate
 
 STEP = 0.002
 FAST = 2e4  # viscous friction that keeps the slider calm, N s/m

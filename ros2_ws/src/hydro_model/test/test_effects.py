@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.signal import lti, step
 
-from hydro_model import signals as sig
 from hydro_model.effects import CATALOGUE, Effect, Stage
+from hydro_model.effects import signals as sig
 from hydro_model.effects.effect import CHANNELS
 from hydro_model.errors import RobotError
+from hydro_model.hydraulics.valve import edge_flows, signed_root
 from hydro_model.robot import Valve
 from hydro_model.robot_files import load_robot
-from hydro_model.valve import edge_flows, signed_root
 
 #: Names beside the contract's.
 EXTENSIONS = {"rotor_inertia", "load_dependent_friction"}

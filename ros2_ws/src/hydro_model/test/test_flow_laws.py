@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hydro_model.hydraulics.valve import edge_flows
 from hydro_model.robot import Robot
-from hydro_model.simulate import Model, Rollout, simulate
-from hydro_model.simulate_reference import reference_rates
-from hydro_model.valve import edge_flows
+from hydro_model.simulation.simulate import Model, Rollout, simulate
+from hydro_model.simulation.simulate_reference import reference_rates
 
 #: A load-holding valve that stays shut, whatever the pressures.
 SHUT = {"restriction": 0.5, "setting": 6e7, "range": 2e6, "pilot_ratio": 0.0}

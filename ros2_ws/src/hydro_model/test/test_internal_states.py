@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp, trapezoid
 
-from hydro_model import signals as sig
 from hydro_model.effects import CATALOGUE, Effect
+from hydro_model.effects import signals as sig
 from hydro_model.effects.compiled import evaluate_law, signals_read
 from hydro_model.effects.internal_states import HELD_SIGNALS
 from hydro_model.effects.valve_effects import TRAVEL

@@ -9,7 +9,7 @@ import pinocchio
 import pytest
 
 from hydro_model.errors import RobotError
-from hydro_model.kinematics import (
+from hydro_model.multibody.kinematics import (
     TipPlace,
     link_frames,
     tip_jacobian,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hydro_model.output import STDOUT, OutputError, report, report_files, write_text
+from hydro_model.command_line.output import STDOUT, OutputError, report, report_files, write_text
 
 DATA = {"schema": "s/1", "x": 1.5}
 

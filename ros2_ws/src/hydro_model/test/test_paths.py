@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hydro_model.cylinder import stroke
 from hydro_model.errors import RobotError
-from hydro_model.kinematics import tip_position
-from hydro_model.paths import JointPath, TipPath, load_path, shipped_paths
-from hydro_model.paths_check import check_path, joint_motion, joints_at_tip
-from hydro_model.paths_segments import Quintic, smooth_step
-from hydro_model.rigid_body import potential_energy
+from hydro_model.hydraulics.cylinder import stroke
+from hydro_model.motion.paths import JointPath, TipPath, load_path, shipped_paths
+from hydro_model.motion.paths_check import check_path, joint_motion, joints_at_tip
+from hydro_model.motion.paths_segments import Quintic, smooth_step
+from hydro_model.multibody.kinematics import tip_position
+from hydro_model.multibody.rigid_body import potential_energy
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 

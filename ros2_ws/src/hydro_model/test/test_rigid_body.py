@@ -10,15 +10,10 @@ import pinocchio
 import pytest
 from scipy.integrate import solve_ivp
 
-from hydro_model import (
-    linear_kernels,
-    rigid_body,
-    rigid_body_kernels,
-    rigid_body_reference,
-    spatial,
-)
-from hydro_model.chain_arrays import chain_arrays
 from hydro_model.errors import RobotError
+from hydro_model.multibody import rigid_body, rigid_body_kernels, rigid_body_reference, spatial
+from hydro_model.multibody.chain_arrays import chain_arrays
+from hydro_model.numerics import linear_kernels
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
-from hydro_model.base_parameters import base_map
 from hydro_model.errors import RobotError
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.multibody.base_parameters import base_map
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot_files import load_robot
 
 

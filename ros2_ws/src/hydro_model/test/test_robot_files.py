@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 import yaml
 
-from hydro_model.cylinder import joint_position, stroke
 from hydro_model.errors import RobotError
+from hydro_model.hydraulics.cylinder import joint_position, stroke
 from hydro_model.robot_files import MAX_FILE_BYTES, load_robot, shipped_robots
 
 Change = Callable[[dict[str, Any]], None]
@@ -183,7 +183,7 @@ def test_a_command_says_that_limits_were_narrowed(crane: Path) -> None:
     text = urdf.read_text(encoding="utf-8")
     urdf.write_text(text.replace('lower="-0.05"', 'lower="-0.11"'), encoding="utf-8")
     code = (
-        "import sys; from hydro_model.command import run_command;"
+        "import sys; from hydro_model.command_line.command import run_command;"
         "from hydro_model.robot_files import load_robot;"
         "run_command('tool', lambda given: load_robot(given[0]).dof, sys.argv[1:])"
     )

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson, solve_ivp
 
-from hydro_model.cylinder import chamber_volumes, lever, stroke
 from hydro_model.effects import CATALOGUE
 from hydro_model.effects.targets import targets
 from hydro_model.errors import RobotError, SimulationError
-from hydro_model.rigid_body import inverse_dynamics, kinetic_energy, potential_energy
+from hydro_model.hydraulics.cylinder import chamber_volumes, lever, stroke
+from hydro_model.hydraulics.valve import edge_flows
+from hydro_model.multibody.rigid_body import inverse_dynamics, kinetic_energy, potential_energy
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
-from hydro_model.simulate import Model, Rollout, equilibrium_pressures, simulate
-from hydro_model.simulate_reference import reference_rates
-from hydro_model.valve import edge_flows
+from hydro_model.simulation.simulate import Model, Rollout, equilibrium_pressures, simulate
+from hydro_model.simulation.simulate_reference import reference_rates
 
 Q0 = np.array([0.8, -1.2])
 

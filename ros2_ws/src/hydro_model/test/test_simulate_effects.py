@@ -7,11 +7,11 @@ import pytest
 from scipy.integrate import cumulative_simpson
 from scipy.signal import lti, step
 
-from hydro_model.cylinder import chamber_volumes
 from hydro_model.effects import CATALOGUE
+from hydro_model.hydraulics.cylinder import chamber_volumes
+from hydro_model.hydraulics.valve import edge_flows
 from hydro_model.robot import Robot
-from hydro_model.simulate import Model, Rollout, equilibrium_pressures, simulate
-from hydro_model.valve import edge_flows
+from hydro_model.simulation.simulate import Model, Rollout, equilibrium_pressures, simulate
 
 VISCOUS = 2e4
 

@@ -14,8 +14,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hydro_model import terminal
-from hydro_model.command import run_command
+from hydro_model.command_line import terminal
+from hydro_model.command_line.command import run_command
 
 
 class Screen(io.StringIO):
@@ -104,7 +104,7 @@ def test_a_failure_clears_the_bar(screen: Screen) -> None:
 
 COMMAND = """
 import argparse, sys
-from hydro_model.command import run_command
+from hydro_model.command_line.command import run_command
 def main(arguments):
     p = argparse.ArgumentParser()
     p.add_argument("--robot"); p.add_argument("--out"); p.add_argument("--round")
@@ -139,7 +139,7 @@ def test_memory_that_ends_is_said_in_a_line(capsys: pytest.CaptureFixture[str]) 
 
 def test_a_real_terminal_shows_the_bar() -> None:
     script = (
-        "from hydro_model.terminal import advance, progress_bar\n"
+        "from hydro_model.command_line.terminal import advance, progress_bar\n"
         "with progress_bar():\n    advance('counting', 1, 2)\n"
     )
     master, slave = pty.openpty()

@@ -9,11 +9,11 @@ import pinocchio
 import pytest
 from scipy.spatial.transform import Rotation
 
+from hydro_model.description.urdf import Chain, SideBranch, read_chain
 from hydro_model.errors import RobotError
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.multibody.rigid_body import inverse_dynamics
+from hydro_model.multibody.spatial import from_roll_pitch_yaw
 from hydro_model.robot import Robot
-from hydro_model.spatial import from_roll_pitch_yaw
-from hydro_model.urdf import Chain, SideBranch, read_chain
 
 INERTIAL = """<inertial><origin xyz="{xyz}" rpy="{rpy}"/><mass value="{mass}"/>
   <inertia ixx="0.5" ixy="0.02" ixz="-0.03" iyy="0.6" iyz="0.04" izz="0.7"/></inertial>"""

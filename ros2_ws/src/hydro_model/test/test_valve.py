@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hydro_model.robot_files import load_robot
-from hydro_model.valve import (
+from hydro_model.hydraulics.valve import (
     SMOOTH_PRESSURE_PA,
     edge_flows,
     flow_term,
     signed_root,
     valve_signal,
 )
+from hydro_model.robot_files import load_robot
 
 ROBOT = load_robot("xs031")
 CYLINDER = ROBOT.cylinders[0]

@@ -2,7 +2,7 @@
 
 A recording tells the whole load of a joint: what hangs on a hinge is moved by gravity and by other
 joints, too, weighs on all joints before it, and makes the mode slower where it is stretched out.
-Roll-outs have the same equations in `hydro_model.hinge_kernels`.
+Roll-outs have the same equations in `hydro_model.simulation.hinge_kernels`.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from hydro_model.errors import RobotError
-from hydro_model.joint_ranges import middle
-from hydro_model.kernel import kernel
-from hydro_model.rigid_body import inverse_dynamics, mass_matrix
+from hydro_model.multibody.joint_ranges import middle
+from hydro_model.multibody.rigid_body import inverse_dynamics, mass_matrix
+from hydro_model.numerics.kernel import kernel
 from hydro_model.robot import FloatArray, Robot
 
 Array = Any  # numba types the kernels; mypy follows no numba import

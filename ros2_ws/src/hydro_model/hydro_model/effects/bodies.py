@@ -16,8 +16,8 @@ PART_LENGTH = 1.0
 
 def _with_payload(robot: Robot, target: str, parameters: FloatArray) -> Robot:
     """A point mass at the tip, carried by the last link."""
-    from hydro_model.payload_parameters import inertia_map
-    from hydro_model.spatial import motion_transform
+    from hydro_model.multibody.payload_parameters import inertia_map
+    from hydro_model.multibody.spatial import motion_transform
 
     body = np.zeros(len(STANDARD_PARAMETERS))
     body[0] = parameters[0]
@@ -46,7 +46,7 @@ def _with_points(robot: Robot, at: int, parameters: FloatArray) -> Robot:
 
     Where along the joint they are nothing says: points at its origin in either link.
     """
-    from hydro_model.part_regrouping import point_mass
+    from hydro_model.multibody.part_regrouping import point_mass
 
     inertia = robot.link_inertia.copy()
     inertia[at] += parameters[1] * point_mass(np.zeros(3))
@@ -118,7 +118,8 @@ CYLINDER_INERTIA = Effect(
     name="cylinder_inertia",
     channel="force",
     equation="barrel and rod of masses mb and mr, slender, on the line between the pins",
-    source="closed-chain dynamics of a triangle of cylinder and link (hydro_model.closed_chain)",
+    source="closed-chain dynamics of a triangle of cylinder and link"
+    " (hydro_model.multibody.closed_chain)",
     parameters=(
         ParameterSpec("barrel_mass", "kg", "mb", 0.0, 5000.0, 17.0, linear=True),
         ParameterSpec("rod_mass", "kg", "mr", 0.0, 5000.0, 10.0, linear=True),

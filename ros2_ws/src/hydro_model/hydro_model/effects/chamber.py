@@ -6,7 +6,7 @@ import math
 
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.law import ParameterSpec, Row, Stage, Term
-from hydro_model.signals import ATMOSPHERIC_PRESSURE, PRESSURE_A, PRESSURE_B
+from hydro_model.effects.signals import ATMOSPHERIC_PRESSURE, PRESSURE_A, PRESSURE_B
 
 #: Absolute pressure below which air counts as if it were at this pressure, Pa: the model does
 #: not cavitate, and its laws stay finite for any pressure.

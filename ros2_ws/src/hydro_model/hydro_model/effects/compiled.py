@@ -16,9 +16,9 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba import cfunc, types
 from numba.extending import intrinsic
 
-from hydro_model import signals as names
+from hydro_model.effects import signals as names
 from hydro_model.effects.law import Law
-from hydro_model.kernel import kernel
+from hydro_model.numerics.kernel import kernel
 from hydro_model.robot import FloatArray
 
 _POINTER = types.CPointer(types.float64)
@@ -89,7 +89,7 @@ def law_address(law: Law) -> int:
 
 
 def signals_read(law: Law) -> frozenset[int]:
-    """Indices of the signals that a law looks at: those of `hydro_model.signals` it names."""
+    """Indices of the signals that a law looks at, of `hydro_model.effects.signals`."""
     used = law.__code__.co_names
     return frozenset(getattr(names, name) for name in used if name.lower() in names.SIGNAL_NAMES)
 

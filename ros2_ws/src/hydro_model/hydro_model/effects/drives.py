@@ -10,14 +10,14 @@ import numpy as np
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.law import InternalState, ParameterSpec, Row, Stage, Term
 from hydro_model.effects.readings import Readings
-from hydro_model.robot import FloatArray
-from hydro_model.signals import (
+from hydro_model.effects.signals import (
     JOINT_VELOCITY,
     PISTON_ACCELERATION,
     PISTON_FORCE,
     PISTON_VELOCITY,
     STATE_0,
 )
+from hydro_model.robot import FloatArray
 
 #: Time constant of the differentiator that stands for the acceleration in a roll-out, s: the
 #: rotor then hangs on its joint by a viscous clutch, which takes up energy and gives none.

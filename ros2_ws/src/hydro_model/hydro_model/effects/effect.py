@@ -25,9 +25,9 @@ from hydro_model.effects.law import (
     Term,
 )
 from hydro_model.effects.readings import Readings
+from hydro_model.effects.signals import SIGNAL_COUNT, STATE_0
 from hydro_model.errors import RobotError
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.signals import SIGNAL_COUNT, STATE_0
 
 if TYPE_CHECKING:
     from hydro_model.effects.bending import KnownTorques
@@ -281,7 +281,7 @@ class Effect:
         Parameters
         ----------
         signals : (N, SIGNAL_COUNT) array
-            Columns by `hydro_model.signals`; those the law does not use may hold anything.
+            Columns by `hydro_model.effects.signals`; those the law does not use may hold anything.
         parameters : array
             In the order of `parameters`.
         stage : Stage, optional

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.law import InternalState, ParameterSpec, Row, Stage, Term, nothing
+from hydro_model.effects.signals import JOINT_VELOCITY, LEVER, STATE_0, STATE_1
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.signals import JOINT_VELOCITY, LEVER, STATE_0, STATE_1
 
 if TYPE_CHECKING:
     from hydro_model.effects.bending import Load
@@ -44,7 +44,7 @@ def _mode_acceleration(s: Row, p: Row) -> float:
 
 def _mode_force(s: Row, p: Row) -> float:
     if p[3] > 0.0:
-        return 0.0  # what hangs on a hinge weighs on all joints: hydro_model.hinge_kernels
+        return 0.0  # what hangs on it weighs on all joints: hydro_model.simulation.hinge_kernels
     omega = 2.0 * math.pi * p[1]
     slip = s[STATE_1] - s[JOINT_VELOCITY]
     return -p[0] * omega * (omega * s[STATE_0] + 2.0 * p[2] * slip) / s[LEVER]

@@ -6,7 +6,7 @@ import math
 
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.law import InternalState, Law, ParameterSpec, Row, Stage, Term, nothing
-from hydro_model.signals import PISTON_VELOCITY, PRESSURE_A, PRESSURE_B, STATE_0
+from hydro_model.effects.signals import PISTON_VELOCITY, PRESSURE_A, PRESSURE_B, STATE_0
 
 #: Beyond its upper bound a rounded sign is viscous friction, not dry.
 VELOCITY_SCALE = ParameterSpec(

@@ -7,7 +7,7 @@ import math
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.friction import BEND, VELOCITY_SCALE, bristle
 from hydro_model.effects.law import ParameterSpec, Row, Stage, Term
-from hydro_model.signals import (
+from hydro_model.effects.signals import (
     JOINT_VELOCITY,
     LEVER,
     OIL_TEMPERATURE,

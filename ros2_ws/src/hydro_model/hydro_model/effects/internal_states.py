@@ -1,9 +1,9 @@
 """Internal states of an effect along a recording, integrated between its samples.
 
-Steps are as long as the error of the Runge-Kutta formula (`hydro_model.dormand_prince`) allows:
-how fast the states are follows from the effect's parameters and the motion and differs by orders
-of magnitude, so no fixed step would do. Errors are measured against the largest value that a state
-had so far, which makes them free of units.
+Steps are as long as the error of the Runge-Kutta formula (`hydro_model.numerics.dormand_prince`)
+allows: how fast the states are follows from the effect's parameters and the motion and differs by
+orders of magnitude, so no fixed step would do. Errors are measured against the largest value that
+a state had so far, which makes them free of units.
 
 Where the states have a closed form, or those of held signals linear rates, they are followed
 exactly (`InternalState.after`, `InternalState.linear`), in one step per sample.
@@ -17,12 +17,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hydro_model.dormand_prince import AT, ERROR, STAGES, WEIGHTS
 from hydro_model.effects.compiled import call_law, law_address, signals_read
 from hydro_model.effects.law import InternalState, Law
-from hydro_model.kernel import copy, kernel
-from hydro_model.robot import FloatArray
-from hydro_model.signals import (
+from hydro_model.effects.signals import (
     MAX_STATES,
     RETURN_FLOW,
     SIGNAL_COUNT,
@@ -33,6 +30,9 @@ from hydro_model.signals import (
     VALVE_RATE,
     VALVE_SIGNAL,
 )
+from hydro_model.numerics.dormand_prince import AT, ERROR, STAGES, WEIGHTS
+from hydro_model.numerics.kernel import copy, kernel
+from hydro_model.robot import FloatArray
 
 Array = Any  # numba types the kernels; mypy follows no numba import
 

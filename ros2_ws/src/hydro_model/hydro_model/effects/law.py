@@ -1,7 +1,7 @@
 """The pieces of an effect: laws, the stages they enter at, parameters, internal states.
 
 A law is plain scalar Python in numba's subset, ``law(s, p) -> float``, with `s` the signals of one
-cylinder (`hydro_model.signals`) and `p` the effect's parameters in the order of
+cylinder (`hydro_model.effects.signals`) and `p` the effect's parameters in the order of
 `Effect.parameters`. It calls nothing but `math` and the built-ins min, max and abs.
 """
 

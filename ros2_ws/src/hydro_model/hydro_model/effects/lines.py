@@ -6,7 +6,7 @@ import math
 
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.law import InternalState, ParameterSpec, Row, Stage, Term, nothing
-from hydro_model.signals import (
+from hydro_model.effects.signals import (
     ATMOSPHERIC_PRESSURE,
     PISTON_POSITION,
     PRESSURE_A,

@@ -10,8 +10,7 @@ from hydro_model.effects.drives import GEAR_BACKLASH
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.flexibility import STRUCTURAL_FLEXIBILITY
 from hydro_model.effects.law import InternalState, ParameterSpec, Row, Stage, Term
-from hydro_model.robot import FloatArray
-from hydro_model.signals import (
+from hydro_model.effects.signals import (
     AREA_A,
     AREA_B,
     JOINT_POSITION,
@@ -29,6 +28,7 @@ from hydro_model.signals import (
     TIP_RATE,
     TIP_SLOPE,
 )
+from hydro_model.robot import FloatArray
 
 #: Time constant of the differentiator that stands for the other joint's acceleration in a
 #: roll-out, s: a filter's lag far above the hydraulic mode.

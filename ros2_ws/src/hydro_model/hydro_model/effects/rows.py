@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hydro_model import signals as sig
-from hydro_model.cylinder import lever, lever_rate, piston_force, stroke
+from hydro_model.effects import signals as sig
+from hydro_model.hydraulics.cylinder import lever, lever_rate, piston_force, stroke
+from hydro_model.hydraulics.valve import edge_flows
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.valve import edge_flows
 
 
 def other_joint(robot: Robot, joint: int) -> int:
@@ -164,7 +164,7 @@ def set_tip(
     qd : (N, n) array, optional
         The rate stays as it is without.
     """
-    from hydro_model.kinematics import tip_state
+    from hydro_model.multibody.kinematics import tip_state
 
     if not len(q):
         return

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.law import InternalState, ParameterSpec, Row, Stage, Term
-from hydro_model.signals import RETURN_FLOW, STATE_0, SUPPLY_FLOW
+from hydro_model.effects.signals import RETURN_FLOW, STATE_0, SUPPLY_FLOW
 
 
 def _lower_supply(s: Row, p: Row) -> float:

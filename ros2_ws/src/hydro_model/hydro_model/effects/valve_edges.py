@@ -11,7 +11,7 @@ import math
 
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.law import ParameterSpec, Row, Stage, Term
-from hydro_model.signals import (
+from hydro_model.effects.signals import (
     EDGE_AT,
     EDGE_BT,
     EDGE_PA,
@@ -24,9 +24,9 @@ from hydro_model.signals import (
     VALVE_FLOW_B,
     VALVE_SIGNAL,
 )
-from hydro_model.valve import SMOOTH_PRESSURE_PA
+from hydro_model.hydraulics.valve import SMOOTH_PRESSURE_PA
 
-# Laws call no helpers, so the smoothed signed root of hydro_model.valve stands in each:
+# Laws call no helpers, so the smoothed signed root of hydro_model.hydraulics.valve stands in each:
 # root(d) = d / (d^2 + d0^2)^(1/4).
 _SMOOTH = SMOOTH_PRESSURE_PA**2
 

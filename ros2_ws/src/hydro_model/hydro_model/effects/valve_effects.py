@@ -10,7 +10,7 @@ import math
 
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.law import InternalState, ParameterSpec, Row, Stage, Term, nothing
-from hydro_model.signals import STATE_0, STATE_1, VALVE_SIGNAL
+from hydro_model.effects.signals import STATE_0, STATE_1, VALVE_SIGNAL
 
 
 def _signal(s: Row, p: Row) -> float:

@@ -1,0 +1,1 @@
+"""What robot descriptions are read and checked with, and what is drawn of them."""

@@ -1,0 +1,1 @@
+"""Cylinders and valves: geometry, forces, volumes and flows."""

@@ -1,0 +1,349 @@
+"""Can a robot follow a path: joint limits, strokes, speeds, and what its valves can pass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise, product
+
+import numpy as np
+
+from hydro_model.errors import RobotError
+from hydro_model.hydraulics.cylinder import lever, piston_force, stroke
+from hydro_model.motion.paths import JointPath, Path, TipPath
+from hydro_model.motion.paths_segments import Sample
+from hydro_model.multibody.joint_ranges import limits
+from hydro_model.multibody.kinematics import tip_position, tip_state
+from hydro_model.multibody.rigid_body import inverse_dynamics
+from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
+
+#: The tip counts as reached within this distance.
+REACH_TOLERANCE_M = 1e-6
+_RCOND = 1e-6
+_ITERATIONS = 60
+_LONGEST_STEP = 0.3
+#: Pieces into which a segment is cut at least, however short it is. A quintic's acceleration that
+#: keeps a limit at their ends exceeds it between them by 8 % at most, its speed by 22 %.
+_LEAST_PIECES = 8
+
+
+@dataclass(frozen=True, slots=True)
+class PathCheck:
+    """What a path asks of a robot; arrays per joint (n,) or per cylinder (m,).
+
+    Attributes
+    ----------
+    duration_s : float
+    start_position : (n,) array
+        Joint positions at the start.
+    lower, upper, peak_velocity : (n,) array
+        Range of joint positions, and greatest joint speed.
+    peak_acceleration, peak_acceleration_at_s : (n,) array
+        Greatest joint acceleration, and when it is.
+    stroke_lower_m, stroke_upper_m, peak_piston_velocity_m_s : (m,) array
+    flow_share : (m,) array
+        Greatest piston speed over the steady speed that the fully open valve gives against the
+        load of that instant; above 1 cannot be followed. 0 where there is no valve or supply.
+    """
+
+    duration_s: float
+    start_position: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    peak_velocity: FloatArray
+    peak_acceleration: FloatArray
+    peak_acceleration_at_s: FloatArray
+    stroke_lower_m: FloatArray
+    stroke_upper_m: FloatArray
+    peak_piston_velocity_m_s: FloatArray
+    flow_share: FloatArray
+
+
+def joints_at_tip(robot: Robot, tip_m: FloatArray, near: FloatArray | None = None) -> FloatArray:
+    """Joint positions that put the tip somewhere: numeric inverse kinematics.
+
+    Parameters
+    ----------
+    robot : Robot
+    tip_m : (3,) array
+        In the base frame.
+    near : (n,) array, optional
+        Where to start looking; the solution is of that branch. Without it several starts
+        spread over the joints' ranges are tried, and the solution lies inside the limits.
+
+    Returns
+    -------
+    (n,) array
+
+    Raises
+    ------
+    RobotError
+        No pose reaches it; the message says how near the tip came.
+    """
+    starts: Iterator[FloatArray] | list[FloatArray]
+    starts = _starts(robot) if near is None else [np.asarray(near, dtype=float)]
+    best = np.inf
+    for start in starts:
+        q, miss = _newton(robot, np.asarray(tip_m, dtype=float), start)
+        best = min(best, miss)
+        if miss <= REACH_TOLERANCE_M and (near is not None or _inside(robot, q)):
+            return q
+    why = f"the nearest try missed by {best:.3f} m"
+    if best <= REACH_TOLERANCE_M:
+        why = "only poses outside its joint limits reach it"
+    place = ", ".join(f"{v:.3f}" for v in tip_m)
+    raise RobotError(f"robot {robot.name} cannot put its tip at [{place}] m: {why}")
+
+
+def _starts(robot: Robot) -> Iterator[FloatArray]:
+    lower, upper = limits(robot).T
+    shares = (0.5, 0.2, 0.8) if robot.dof <= 4 else (0.3, 0.7)
+    for share in product(shares, repeat=robot.dof):
+        yield lower + np.array(share) * (upper - lower)
+
+
+def _inside(robot: Robot, q: FloatArray) -> bool:
+    return all(j.lower <= x <= j.upper for j, x in zip(robot.joints, q, strict=True))
+
+
+def _newton(robot: Robot, tip: FloatArray, q: FloatArray) -> tuple[FloatArray, float]:
+    """Newton's method with limited steps; the position and the distance left."""
+    still = np.zeros_like(q)
+    for _ in range(_ITERATIONS):
+        position, jacobian, _rate = tip_state(robot, q, still)
+        error = tip - position
+        if np.linalg.norm(error) <= 0.01 * REACH_TOLERANCE_M:
+            break
+        step = np.linalg.pinv(jacobian, rcond=_RCOND) @ error
+        longest = float(np.max(np.abs(step)))
+        if longest == 0.0:
+            break
+        q = q + step * min(1.0, _LONGEST_STEP / longest)
+    return q, float(np.linalg.norm(tip - tip_position(robot, q)))
+
+
+def always() -> None:
+    """Go on: what a check asks in passing where nobody may end it."""
+
+
+def joint_motion(
+    robot: Robot,
+    path: TipPath | JointPath,
+    times_s: FloatArray,
+    near: FloatArray | None = None,
+    go_on: Callable[[], None] = always,
+) -> Sample:
+    """Joint position, velocity and acceleration along a path.
+
+    Parameters
+    ----------
+    robot : Robot
+    path : TipPath or JointPath
+    times_s : (N,) array
+        Ascending, close enough together for the inverse kinematics to stay on its branch.
+    near : (n,) array, optional
+        Joint positions at the start: branch of the inverse kinematics, and where joints stay
+        that the path does not name (by default the middle of their range).
+    go_on : callable
+        Called at every time of a path of the tip, which takes some tenths of a millisecond each:
+        what it raises ends the work.
+
+    Returns
+    -------
+    q, qd, qdd : (N, n) array
+
+    Raises
+    ------
+    RobotError
+        A joint is unknown, the path is of another tip, or a tip position cannot be reached.
+    """
+    if isinstance(path, JointPath):
+        return _spread(robot, path, path.sample_many(times_s), near)
+    if path.tip_link != robot.tip_link:
+        raise RobotError(
+            f"the path is of '{path.tip_link}', the tip of robot {robot.name} is"
+            f" '{robot.tip_link}'"
+        )
+    rows = []
+    q = joints_at_tip(robot, path.sample(float(times_s[0]))[0], near)
+    for t in times_s:
+        go_on()
+        position, velocity, acceleration = path.sample(float(t))
+        q = joints_at_tip(robot, position, q)
+        _, jacobian, _ = tip_state(robot, q, np.zeros_like(q))
+        inverse = np.linalg.pinv(jacobian, rcond=_RCOND)
+        qd = inverse @ velocity
+        _, _, rate = tip_state(robot, q, qd)
+        rows.append((q, qd, inverse @ (acceleration - rate @ qd)))
+    positions, velocities, accelerations = zip(*rows, strict=True)
+    return np.array(positions), np.array(velocities), np.array(accelerations)
+
+
+def _spread(robot: Robot, path: JointPath, sample: Sample, near: FloatArray | None) -> Sample:
+    """The samples of some joints in columns of all, the others at rest."""
+    columns = [robot.joint_index(name) for name in path.joints]
+    middle = limits(robot).mean(axis=1)
+    shape = (len(sample[0]), robot.dof)
+    q = np.tile(middle if near is None else np.asarray(near, dtype=float), (shape[0], 1))
+    qd, qdd = np.zeros(shape), np.zeros(shape)
+    q[:, columns], qd[:, columns], qdd[:, columns] = sample
+    return q, qd, qdd
+
+
+def check_path(
+    robot: Robot,
+    path: TipPath | JointPath,
+    *,
+    near: FloatArray | None = None,
+    margin: float | FloatArray = 0.0,
+    flow_limit: float = np.inf,
+    step_s: float = 0.02,
+    go_on: Callable[[], None] = always,
+) -> PathCheck:
+    """Check a path against a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+    path : TipPath or JointPath
+    near : (n,) array, optional
+        Joint positions at the start.
+    margin : float or (n,) array
+        Distance kept from the joint limits, rad or m.
+    flow_limit : float
+        Greatest `PathCheck.flow_share` allowed.
+    step_s : float
+        Spacing of the check; shorter where a segment of the path is short.
+    go_on : callable
+        Called again and again on the way: what it raises ends the check.
+
+    Returns
+    -------
+    PathCheck
+
+    Raises
+    ------
+    RobotError
+        A limit is exceeded: which, by how much and when. One is the weight that a cylinder can
+        hold at the supply's pressure.
+    """
+    times = check_times(path, step_s)
+    q, qd, qdd = joint_motion(robot, path, times, near, go_on)
+    go_on()
+    if not all(np.isfinite(values).all() for values in (q, qd, qdd)):
+        # No comparison with what is no number holds.
+        raise RobotError("expected a motion of finite numbers, found some beyond their range")
+    margins = np.broadcast_to(margin, robot.dof).tolist()
+    for i, (joint, kept) in enumerate(zip(robot.joints, margins, strict=True)):
+        name = f"joint '{joint.name}'"
+        _limit(times, q[:, i], joint.upper - kept, f"{name} goes to", "at most")
+        _limit(times, -q[:, i], -joint.lower - kept, f"{name} goes to", "at least")
+        speed = np.abs(qd[:, i])
+        _limit(times, speed, joint.velocity_limit, f"{name} reaches a speed of", "at most")
+    x, xd, share = _pistons(robot, q, qd, qdd)
+    for i, cylinder in enumerate(robot.cylinders):
+        name = f"cylinder '{cylinder.name}'"
+        _limit(times, x[:, i], cylinder.stroke_m, f"{name} goes to", "at most")
+        _limit(times, -x[:, i], 0.0, f"{name} goes to", "at least")
+        what = f"{name} needs a share of its valve's flow of"
+        _limit(times, share[:, i], flow_limit, what, "at most")
+    _refuse_unholdable(robot, times, q)
+    return PathCheck(
+        duration_s=path.duration_s,
+        start_position=q[0],
+        lower=q.min(axis=0),
+        upper=q.max(axis=0),
+        peak_velocity=np.abs(qd).max(axis=0),
+        peak_acceleration=np.abs(qdd).max(axis=0),
+        peak_acceleration_at_s=times[np.abs(qdd).argmax(axis=0)],
+        stroke_lower_m=x.min(axis=0),
+        stroke_upper_m=x.max(axis=0),
+        peak_piston_velocity_m_s=np.abs(xd).max(axis=0),
+        flow_share=share.max(axis=0),
+    )
+
+
+def check_times(path: Path, step_s: float) -> FloatArray:
+    """Times at which a path is checked: its segments' ends, and several inside every segment.
+
+    Parameters
+    ----------
+    path : Path
+    step_s : float
+        They are no further apart.
+
+    Returns
+    -------
+    (N,) array
+        Ascending, from 0 to the end of the path.
+    """
+    edges = sorted({0.0, *path.breaks_s})
+    parts = [
+        np.linspace(a, b, max(_LEAST_PIECES, int(np.ceil((b - a) / step_s))), endpoint=False)
+        for a, b in pairwise(edges)
+    ]
+    return np.concatenate([*parts, [path.duration_s]])
+
+
+def _limit(times: FloatArray, values: FloatArray, limit: float, what: str, bound: str) -> None:
+    worst = int(np.argmax(values))  # of NaN the first
+    if not values[worst] <= limit + 1e-9:
+        sign = -1.0 if bound == "at least" else 1.0
+        raise RobotError(
+            f"{what} {sign * values[worst]:.4g} at {times[worst]:.2f} s,"
+            f" expected {bound} {sign * limit:.4g}"
+        )
+
+
+def _refuse_unholdable(robot: Robot, times: FloatArray, q: FloatArray) -> None:
+    """Refuse poses whose weight no pressure at the valve's ports can hold.
+
+    From one of these the way out is open: none is worse than the first.
+    """
+    if robot.supply_pressure_pa <= 0.0:
+        return
+    weight = inverse_dynamics(robot, q, np.zeros_like(q), np.zeros_like(q))
+    ports = robot.supply_pressure_pa, robot.tank_pressure_pa
+    fed = {valve.cylinder for valve in robot.valves}
+    for cylinder in (c for c in robot.cylinders if c.name in fed):
+        j = robot.joint_index(cylinder.joint)
+        force = weight[:, j] / lever(cylinder, q[:, j])
+        most, least = piston_force(cylinder, *ports), piston_force(cylinder, *ports[::-1])
+        share = np.where(force >= 0.0, force / most, force / least)
+        what = f"cylinder '{cylinder.name}' would have to hold, in shares of what it can,"
+        _limit(times, share, max(1.0, float(share[0])), what, "at most")
+
+
+def _pistons(
+    robot: Robot, q: FloatArray, qd: FloatArray, qdd: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Stroke, piston velocity and share of the valve's flow, (N, m) each."""
+    torque = inverse_dynamics(robot, q, qd, qdd)
+    shape = (len(q), len(robot.cylinders))
+    x, xd, share = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    valves = {valve.cylinder: valve for valve in robot.valves}
+    for i, cylinder in enumerate(robot.cylinders):
+        j = robot.joint_index(cylinder.joint)
+        arm = lever(cylinder, q[:, j])
+        x[:, i], xd[:, i] = stroke(cylinder, q[:, j]), arm * qd[:, j]
+        if cylinder.name in valves and robot.supply_pressure_pa > 0.0:
+            force = torque[:, j] / arm + cylinder.viscous_friction * xd[:, i]
+            share[:, i] = _flow_share(robot, cylinder, valves[cylinder.name], xd[:, i], force)
+    return x, xd, share
+
+
+def _flow_share(
+    robot: Robot, cylinder: Cylinder, valve: Valve, xd: FloatArray, force: FloatArray
+) -> FloatArray:
+    """Piston speed over the steady speed of the fully open valve against a force.
+
+    From eqs. 9, 11 and 12 at u = 1 and constant pressures, with the edge losses
+    ``(A v / C)^2``: extending, ``f = A1 ps - A2 pt - v^2 (A1^3 / C_PA^2 + A2^3 / C_BT^2)``.
+    """
+    a1, a2 = cylinder.area_a_m2, cylinder.area_b_m2
+    p_s, p_t = robot.supply_pressure_pa, robot.tank_pressure_pa
+    extend = (a1 * p_s - a2 * p_t - force) / (a1**3 / valve.c_pa**2 + a2**3 / valve.c_bt**2)
+    retract = (force - a1 * p_t + a2 * p_s) / (a1**3 / valve.c_at**2 + a2**3 / valve.c_pb**2)
+    squared = np.where(xd >= 0.0, extend, retract)
+    fastest = np.sqrt(np.maximum(squared, 0.0))
+    return np.where(fastest > 0.0, np.abs(xd) / np.maximum(fastest, 1e-12), np.inf)

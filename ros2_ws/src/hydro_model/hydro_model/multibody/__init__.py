@@ -1,0 +1,1 @@
+"""Rigid bodies along a chain of joints: kinematics, dynamics, base parameters."""

@@ -1,0 +1,1 @@
+"""The model as an ordinary differential equation, and its integration."""
