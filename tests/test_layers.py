@@ -11,9 +11,16 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Where packages lie whose parts have an order.
-FOLDERS = {n: ROOT / n / n for n in ("hydro_hw_bridge", "hydro_control", "hydro_ident")}
+FOLDERS = {
+    "hydro_model": ROOT / "ros2_ws/src/hydro_model/hydro_model",
+    **{n: ROOT / n / n for n in ("hydro_hw_bridge", "hydro_control", "hydro_ident")},
+}
 #: Parts of packages, packages and modules, as architecture.md has them.
 ORDERS: Mapping[str, Sequence[str]] = {
+    "hydro_model": (
+        *("errors", "robot", "numerics", "hydraulics", "multibody", "description", "effects"),
+        *("robot_files", "command_line", "new_robot", "motion", "simulation"),
+    ),
     "hydro_hw_bridge": (
         *("errors", "endings", "protocol", "bus", "gate", "monitoring", "core", "node"),
         *("commissioning", "rig", "faults"),
@@ -36,7 +43,7 @@ ORDERS: Mapping[str, Sequence[str]] = {
     ),
 }
 #: Packages of which the map names every module of every part, but for parts that it tells apart.
-MAPPED = ("hydro_hw_bridge", "hydro_control")
+MAPPED = ("hydro_model", "hydro_hw_bridge", "hydro_control")
 _APART = ("rig", "faults")
 
 
@@ -105,7 +112,8 @@ def test_an_import_against_the_order_is_told(text: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("package", MAPPED)
 def test_the_map_names_every_module(package: str) -> None:
     text = (ROOT / "hydro_msgs_docs/architecture.md").read_text(encoding="utf-8")
-    row = rf"^\| \[`(\w+)/`\]\(\.\./{package}/{package}/\1/\) \| ((?:`\w+`(?:, )?)+) \|"
+    place = FOLDERS[package].relative_to(ROOT).as_posix()
+    row = rf"^\| \[`(\w+)/`\]\(\.\./{place}/\1/\) \| ((?:`\w+`(?:, )?)+) \|"
     told = {part: set(re.findall(r"\w+", names)) for part, names in re.findall(row, text, re.M)}
     folders = [part for part in ORDERS[package] if (FOLDERS[package] / part).is_dir()]
     assert list(told) == [part for part in folders if part not in _APART]
