@@ -83,6 +83,17 @@ def test_what_predicts_nothing_better_does_not_stand(rows: HeldOut) -> None:
     assert objection(far, STANDS).endswith("lift/force are predicted no better with it")
 
 
+@pytest.mark.parametrize(("taken_off", "no_better"), [(1e-4, True), (1e-3, False)])
+def test_what_nobody_can_see_improve_does_not_stand(
+    rows: HeldOut, taken_off: float, no_better: bool
+) -> None:
+    """A ten thousandth of a channel's rmse, however surely, is what any model is off by."""
+    force = rows.used & (rows.check.predictor.material.channel == 0)
+    plain = np.random.default_rng(5).normal(size=force.size)
+    said = objection(_seen(rows, plain, taken_off * plain * force, ["lift/force"]), STANDS)
+    assert said.endswith("lift/force are predicted no better with it") is no_better
+
+
 def test_a_true_finding_of_four_deviations_is_confirmed(rows: HeldOut) -> None:
     """Its product has four deviations; its gain, of 16 +- 8, would have two."""
     rng, stands, draws = np.random.default_rng(1), 0, 60

@@ -13,7 +13,7 @@ from hydro_ident.mismatch.answer.spoilt import _spoils
 from hydro_ident.mismatch.naming.named import Named, named_of
 from hydro_ident.mismatch.split.held_out import STANDS
 from hydro_ident.mismatch.trials.contender import Contender
-from hydro_ident.mismatch.verifying.judging import judged, vague
+from hydro_ident.mismatch.verifying.judging import judged, unpredicted, vague
 from hydro_ident.mismatch.verifying.looks import SHOWN, Look
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
@@ -50,6 +50,24 @@ def test_what_held_out_rows_should_hardly_show_takes_more_than_luck(
     assert judged(looks, named, met=True) == (looks[0], False, against)
     # Where they do not exercise it, its own recording speaks for it, and leaves no doubt here.
     assert judged(looks, named, met=False)[1:] == (True, "")
+
+
+@pytest.mark.parametrize(
+    ("after", "said"),
+    [
+        ((1.02, 2.1), "are predicted worse with it (rmse +2.0%)"),
+        # In one of its channels they are not, or not by more than what wavers.
+        ((1.005, 2.1), ""),
+        ((1.02, 1.0), ""),
+    ],
+)
+def test_what_a_refit_alone_gains_by_is_no_prediction(
+    after: tuple[float, float], said: str
+) -> None:
+    names = ("lift/force", "tilt/force")
+    sides = dict(zip(names, (1.0, 2.0), strict=True)), dict(zip(names, after, strict=True))
+    assert unpredicted(replace(_look(1e-4, 100.0), sides=sides), names).endswith(said)
+    assert not unpredicted(replace(_look(1e-4, 100.0), sides=sides), ["lift/flow_a"])
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,9 @@ from typing import Any
 import pytest
 
 from hydro_ident.mismatch.answer.answering import answered, base_to_search
-from hydro_ident.mismatch.split.listed_friction import bristle_notes
+from hydro_ident.mismatch.fitting.as_listed import listed_effects
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.split.listed_friction import bends_of_listed, bristle_notes
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_model.robot import EffectSpec
 
@@ -48,6 +50,18 @@ def test_no_other_friction_is_found_beside_it(bent: Residuals) -> None:
     answer = answered(bent, base_to_search(bent))
     assert answer.names == set()
     assert not answer.unknown
+
+
+def test_a_bend_that_the_base_does_not_show_is_none_once_it_is_found(bent: Residuals) -> None:
+    """As where a load that is picked up hides it."""
+    training, (bristle,) = bent.training, bent.base.model.terms
+    (dry,) = listed_effects(training).values()
+    rigid = fit(training, replace(bent.base.model, terms=(dry,)))
+    assert bends_of_listed(training, [bristle, dry]) == [bristle]
+    hidden = replace(bent, base=rigid)
+    answer = answered(hidden, base_to_search(hidden))
+    assert answer.names == set()
+    assert [term.effect.name for term in answer.whole.model.terms] == ["presliding_friction"]
 
 
 def test_a_travel_that_is_no_dry_frictions_is_left_to_the_search(

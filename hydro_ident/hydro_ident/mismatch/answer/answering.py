@@ -24,6 +24,7 @@ from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.locating.dependence import Dependence
 from hydro_ident.mismatch.locating.precision import accuracy_of
 from hydro_ident.mismatch.naming.name import Search
+from hydro_ident.mismatch.split.listed_friction import bends_of_listed, with_bristles
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.mismatch.trials.exclusion import SPOOL
 from hydro_ident.mismatch.unnamed.describe import form_of
@@ -72,7 +73,9 @@ class Answer:
 
 
 def answered(work: Residuals, base: Fitted) -> Answer:
-    """Search, confirm and describe; again where one valve is later than the others unexplained.
+    """Search, confirm and describe, again from a base that what was found shows to be another's.
+
+    That is where listed friction bends, and where one valve is later than the others unexplained.
 
     Parameters
     ----------
@@ -84,11 +87,27 @@ def answered(work: Residuals, base: Fitted) -> Answer:
     -------
     Answer
     """
-    answer = _answered(work, base, 3)
+    work, answer = _answered_bent(work, _answered(work, base, 3))
     odd = None if answer.unknown else odd_valve(work.training, answer.whole)
     if odd is not None:
         answer = _answered_held(work, answer, odd)
     return replace(answer, unknown=_completed(answer))
+
+
+def _answered_bent(work: Residuals, first: Answer) -> tuple[Residuals, Answer]:
+    """The answer with listed friction as the bristles found beside it, and what it began with.
+
+    The first is kept where that finds less else, or no fewer names.
+    """
+    bends = bends_of_listed(work.training, (f.named.term for f in first.findings))
+    if not bends:
+        return work, first
+    fresh = replace(work, base=with_bristles(work.training, work.base, bends))
+    again = _answered(fresh, base_to_search(fresh), 3)
+    others = first.names - {(bend.effect.name, bend.cylinder) for bend in bends}
+    whole = others <= again.names and len(again.unknown) <= len(first.unknown)
+    better = whole and len(again.names) < len(first.names)
+    return (fresh, again) if better else (work, first)
 
 
 def _answered_held(work: Residuals, first: Answer, odd: int) -> Answer:

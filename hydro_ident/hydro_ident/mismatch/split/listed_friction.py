@@ -5,10 +5,15 @@ millimetre before they slide. Coulomb's law has no travel, so that beside it ano
 found which is only its bend, and takes most of the listed force with it. Where a bristle fits
 better, and bends over no more than what is called dry friction still, it is what is listed in
 another form, and no finding.
+
+What is left out beside it may hide that from the base, such as a load that is picked up: where the
+bristle is found in the end, beside a listed law of which it has taken the force, it is put in its
+place after all.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 from hydro_ident.mismatch.fitting.as_listed import LISTED_GAIN, key_of, listed_effects
@@ -48,6 +53,40 @@ def bristled(training: Training, base: Fitted) -> Fitted:
         if base.squares - fresh.squares > LISTED_GAIN and as_dry(found):
             base = fit(training, fresh.model)
     return base
+
+
+def bends_of_listed(training: Training, found: Iterable[ActiveEffect]) -> list[ActiveEffect]:
+    """Bristles among what was found that are the bend of a friction that the robot file lists.
+
+    Parameters
+    ----------
+    training : Training
+    found : iterable of ActiveEffect
+    """
+    listed = listed_effects(training)
+    return [
+        term
+        for term in found
+        if term.effect.name == BRISTLE and as_dry(term) and (DRY, term.target) in listed
+    ]
+
+
+def with_bristles(training: Training, base: Fitted, bends: Iterable[ActiveEffect]) -> Fitted:
+    """The base with bristles in the place of the friction that is listed there.
+
+    Parameters
+    ----------
+    training : Training
+    base : Fitted
+        With the listed effects.
+    bends : iterable of ActiveEffect
+        As `bends_of_listed`.
+    """
+    model = base.model
+    for bend in bends:
+        term = next((t for t in model.terms if key_of(t) == (DRY, bend.target)), None)
+        model = model if term is None else _with(model, term, bend)
+    return fit(training, model)
 
 
 def bristle_notes(training: Training, whole: Fitted) -> list[str]:

@@ -31,6 +31,8 @@ _EXERCISED, PLAIN = 0.02, 100.0
 #: What a true finding would gain in a look, per unit of overdispersion, that plainly denies it
 #: where more than this share of chance does as well: five deviations.
 _PLAINLY, _NEVER = 25.0, 0.5
+#: Rise of rmse in every channel in which a finding shows with which it predicts nothing.
+_WORSENED = 0.01
 #: Log-likelihood by which its own recording has to pay for a finding that no other one exercises:
 #: odds of twenty to one.
 _NO_DOUBT = 3.0
@@ -71,6 +73,26 @@ def vague(best: Look, silent: bool, acting: Sequence[str], size: str) -> str:
     little = "hardly exercise it" if silent else "show it but faintly"
     little = little if silent or gains else "gain nothing by it"
     return f"held-out rows {little}, and its size is not told: {size}"
+
+
+def unpredicted(ahead: Look, acting: Sequence[str]) -> str:
+    """What speaks against a finding with which rows are predicted worse wherever it shows.
+
+    A refit to these rows may gain by it still: that is a fit, and no prediction.
+
+    Parameters
+    ----------
+    ahead : Look
+        At held-out rows as they are predicted.
+    acting : sequence of str
+        Channels in which it shows.
+    """
+    before, after = ahead.sides
+    known = [name for name in acting if name in after]
+    if not known or any(after[n] <= (1.0 + _WORSENED) * before[n] for n in known):
+        return ""
+    rise = min(after[n] / max(before[n], 1e-300) for n in known) - 1.0
+    return f"held-out rows of {', '.join(known)} are predicted worse with it (rmse +{rise:.1%})"
 
 
 def judged(looks: Sequence[Look], named: Named, met: bool) -> tuple[Look, bool, str]:
