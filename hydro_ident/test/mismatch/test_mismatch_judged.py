@@ -66,8 +66,16 @@ def test_what_a_refit_alone_gains_by_is_no_prediction(
 ) -> None:
     names = ("lift/force", "tilt/force")
     sides = dict(zip(names, (1.0, 2.0), strict=True)), dict(zip(names, after, strict=True))
-    assert unpredicted(replace(_look(1e-4, 100.0), sides=sides), names).endswith(said)
-    assert not unpredicted(replace(_look(1e-4, 100.0), sides=sides), ["lift/flow_a"])
+    one = replace(_look(1e-4, 100.0), sides=sides)
+    assert unpredicted(one, names, silent=False).endswith(said)
+    assert not unpredicted(one, ["lift/flow_a"], silent=False)
+
+
+def test_what_nobody_sees_in_the_prediction_is_not_saved_by_a_refit() -> None:
+    """Of rows that do not exercise it nothing is expected."""
+    one = replace(_look(1e-4, 100.0), worse="are predicted no better with it", unseen=True)
+    assert unpredicted(one, ["lift/force"], silent=False) == one.worse
+    assert not unpredicted(one, ["lift/force"], silent=True)
 
 
 @pytest.mark.parametrize(

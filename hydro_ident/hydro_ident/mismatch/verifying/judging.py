@@ -75,8 +75,8 @@ def vague(best: Look, silent: bool, acting: Sequence[str], size: str) -> str:
     return f"held-out rows {little}, and its size is not told: {size}"
 
 
-def unpredicted(ahead: Look, acting: Sequence[str]) -> str:
-    """What speaks against a finding with which rows are predicted worse wherever it shows.
+def unpredicted(ahead: Look, acting: Sequence[str], silent: bool) -> str:
+    """What speaks against a finding by which rows are predicted no better wherever it shows.
 
     A refit to these rows may gain by it still: that is a fit, and no prediction.
 
@@ -86,9 +86,13 @@ def unpredicted(ahead: Look, acting: Sequence[str]) -> str:
         At held-out rows as they are predicted.
     acting : sequence of str
         Channels in which it shows.
+    silent : bool
+        They do not exercise it: what its base makes of them may be a little worse.
     """
     before, after = ahead.sides
     known = [name for name in acting if name in after]
+    if ahead.unseen and not silent:
+        return ahead.worse
     if not known or any(after[n] <= (1.0 + _WORSENED) * before[n] for n in known):
         return ""
     rise = min(after[n] / max(before[n], 1e-300) for n in known) - 1.0

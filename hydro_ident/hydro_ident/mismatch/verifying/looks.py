@@ -47,6 +47,8 @@ class Look:
         What speaks against it in a channel.
     instants : int
         From how many it had to choose on these rows when it comes and goes.
+    unseen : bool
+        It acts all along, and makes no channel better by what anybody would see.
     """
 
     p_value: float
@@ -56,6 +58,7 @@ class Look:
     sides: tuple[dict[str, float], dict[str, float]]
     worse: str
     instants: int = 1
+    unseen: bool = False
 
     @property
     def paid(self) -> float:
@@ -102,7 +105,9 @@ def looked(
     lasting = share_of_time(change, block[1]) >= _LASTING
     median = float(np.median(against or [0.0]))
     shown = float(change @ rows.weighed(change))
-    return Look(p, share, median, shown, sides, _worse(sides, acting, lasting))
+    unseen = lasting and _unseen(sides, acting)
+    worse = _worse(sides, acting, unseen)
+    return Look(p, share, median, shown, sides, worse, unseen=unseen)
 
 
 def _by_error(rows: HeldOut, before: FloatArray, change: FloatArray) -> float:
@@ -149,13 +154,22 @@ def objection(one: Look, least: float) -> str:
     return ""
 
 
-def _worse(sides: Sequence[Mapping[str, float]], acting: Sequence[str], lasting: bool) -> str:
-    """Whether a channel that a finding acts on is predicted worse with it, or all are."""
+def _unseen(sides: Sequence[Mapping[str, float]], acting: Sequence[str]) -> bool:
+    """Whether no channel that a finding acts on is predicted better with it.
+
+    Weighed by the noise it may still gain; a fit that nobody can see improve did not. What acts in
+    a few instants, such as a play, is not judged by the mean over all rows.
+    """
     before, after = sides
     known = [n for n in acting if n in before] or list(before)
-    if lasting and known and all(after[n] > (1.0 - _SEEN) * before[n] for n in known):
-        # Weighed by the noise it may still gain; a fit that nobody can see improve did not.
-        # What acts in a few instants, such as a play, is not judged by the mean over all rows.
+    return bool(known) and all(after[n] > (1.0 - _SEEN) * before[n] for n in known)
+
+
+def _worse(sides: Sequence[Mapping[str, float]], acting: Sequence[str], unseen: bool) -> str:
+    """Whether a channel that a finding acts on is predicted worse with it, or none better."""
+    before, after = sides
+    known = [n for n in acting if n in before] or list(before)
+    if unseen:
         return f"held-out rows of {', '.join(known)} are predicted no better with it"
     worse = max(known, key=lambda n: after[n] / max(before[n], 1e-300))
     if after[worse] <= WORSE * before[worse]:

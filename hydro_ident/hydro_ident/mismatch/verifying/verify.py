@@ -151,7 +151,7 @@ def verify(
     own = own[whole.bench.noise.settled(training.layout)]
     met = meets(check, acting) and exercised((ahead, behind), own, elsewhere, plainly)
     best, silent, against = judged(looks, named, met)
-    against = against or unpredicted(looks[0], acting)
+    against = against or unpredicted(looks[0], acting, silent)
     against = against or vague(best, silent, acting, untold(whole, terms))
     agreement = () if silent else agreements(whole, there, terms)
     idle = _idle(without.squares - whole.squares, named, tried)
