@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from hydro_ident.mismatch.answer.answering import answered, base_to_search
-from hydro_ident.mismatch.answer.odd_valve import odd_valve
+from hydro_ident.mismatch.answer.odd_valve import held_to_others, odd_valve
+from hydro_ident.mismatch.fitting.as_listed import as_listed_notes, listed_effects
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.naming.lags import lag_s
 from hydro_ident.mismatch.split.residuals import Residuals
@@ -44,6 +45,17 @@ def late(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
 
 
 @pytest.fixture(scope="module")
+def half_listed(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
+    """As `late`, and nobody has looked up the spools' damping."""
+    true_crane, simulated_run = make_run
+    truth = replace(true_crane(), command_delay_s=OWN_S, effects=(*LISTED, LATE))
+    listed = [
+        replace(one, parameters={"frequency": one.parameters["frequency"]}) for one in LISTED
+    ]
+    return lay_out(simulated_run(truth, 12.0), listed=tuple(listed))
+
+
+@pytest.fixture(scope="module")
 def slow(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
     """The tilt's spool slower than listed, and nothing else."""
     true_crane, simulated_run = make_run
@@ -59,6 +71,16 @@ def test_a_delay_that_the_listed_spool_had_taken_up_is_named(late: Residuals) ->
     (finding,) = answer.findings
     assert finding.named.term.parameters[0] == pytest.approx(LATER_S, rel=0.1)
     assert list(_tilt_spool(answer.whole).parameters) == [75.0, 0.9]
+
+
+def test_a_damping_that_the_file_leaves_out_does_not_take_it_up_where_it_is_held(
+    half_listed: Residuals,
+) -> None:
+    """With a damping of its own a spool of 75 Hz is as late as one of a fifth of that."""
+    held = held_to_others(half_listed, half_listed.base, TILT)
+    (listed,) = (t for t in listed_effects(held.training).values() if t.cylinder == TILT)
+    assert list(_tilt_spool(held.base).parameters) == list(listed.parameters)
+    assert not any("damping" in note for note in as_listed_notes(held.base, held.training))
 
 
 @pytest.mark.thorough

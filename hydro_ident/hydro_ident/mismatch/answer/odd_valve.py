@@ -6,7 +6,8 @@ or hears its commands late looks like a delay of some tenths of a cycle. So that
 what the others have, and what it is later by is searched for as any effect is.
 
 A spool that the robot file lists hides it as well, by a frequency lower than listed: what such a
-valve is later by than its file says counts, and to be held it is put back as listed.
+valve is later by than its file says counts. To be held it is put back as listed, with the usual
+numbers of what the file leaves out: a damping of its own makes it as late as a frequency does.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ import numpy as np
 
 from hydro_ident.mismatch.fitting.as_listed import (
     as_in_file,
-    given_shapes,
     key_of,
     listed_effects,
+    shapes_of,
 )
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting.fitting import fit
@@ -125,7 +126,7 @@ def held_to_others(work: Residuals, whole: Fitted, index: int) -> Residuals:
     latest_s = {index: float(np.median(others))}
     spool = _spool(work.base, index)
     listed = None if spool is None else listed_effects(work.training).get(key_of(spool))
-    own = frozenset() if listed is None else given_shapes(work.training, listed)
+    own = frozenset() if listed is None else shapes_of(listed)
     training, scan = (
         replace(t, latest_s=latest_s, as_listed=t.as_listed | own)
         for t in (work.training, work.scan)
@@ -133,7 +134,7 @@ def held_to_others(work: Residuals, whole: Fitted, index: int) -> Residuals:
     fresh = list(work.base.model.delays_s)
     fresh[index] = min(fresh[index], latest_s[index])
     start = replace(work.base.model, delays_s=tuple(fresh))
-    base = fit(training, start if listed is None else as_in_file(training, start, listed))
+    base = fit(training, start if listed is None else as_in_file(start, listed, own))
     same = work.scan is work.training
     return replace(work, training=training, scan=training if same else scan, base=base)
 

@@ -45,6 +45,22 @@ def listed_effects(training: Training) -> dict[tuple[str, str], ActiveEffect]:
     return {key_of(one): one for one in resolve(training.predictor.material.robot)}
 
 
+def shapes_of(term: ActiveEffect) -> frozenset[tuple[str, str, str]]:
+    """Shapes of an effect, those that a robot file leaves out as well.
+
+    Parameters
+    ----------
+    term : ActiveEffect
+
+    Returns
+    -------
+    frozenset of (str, str, str)
+        As `Training.as_listed`.
+    """
+    specs = enumerate(term.effect.parameters)
+    return frozenset((*key_of(term), spec.name) for i, spec in specs if is_shape(term, i))
+
+
 def given_shapes(training: Training, term: ActiveEffect) -> frozenset[tuple[str, str, str]]:
     """Shapes of an effect that the robot file lists with numbers of its own.
 
@@ -64,25 +80,25 @@ def given_shapes(training: Training, term: ActiveEffect) -> frozenset[tuple[str,
     if listed is None:
         return frozenset()
     rows = zip(term.effect.parameters, listed.parameters, strict=True)
-    return frozenset(
-        (*key_of(term), spec.name)
-        for i, (spec, value) in enumerate(rows)
-        if is_shape(term, i) and not spec.left_out(value)
-    )
+    given = {(*key_of(term), spec.name) for spec, value in rows if not spec.left_out(value)}
+    return shapes_of(term) & given
 
 
-def as_in_file(training: Training, model: Model, listed: ActiveEffect) -> Model:
-    """A model with the shapes of a listed effect as the robot file has them.
+def as_in_file(
+    model: Model, listed: ActiveEffect, shapes: frozenset[tuple[str, str, str]]
+) -> Model:
+    """A model with shapes of a listed effect as the robot file has them.
 
     Parameters
     ----------
-    training : Training
     model : Model
     listed : ActiveEffect
-        As listed.
+        As listed, with the usual numbers of what the file leaves out.
+    shapes : frozenset of (str, str, str)
+        Which, as `Training.as_listed`.
     """
-    key, given = key_of(listed), {name for *_, name in given_shapes(training, listed)}
-    there = np.array([spec.name in given for spec in listed.effect.parameters])
+    key = key_of(listed)
+    there = np.array([(*key, spec.name) in shapes for spec in listed.effect.parameters])
     terms = (
         replace(t, parameters=np.where(there, listed.parameters, t.parameters))
         if key_of(t) == key
@@ -151,7 +167,7 @@ def relisted(training: Training, whole: Fitted) -> tuple[Training, Fitted]:
         if own <= training.as_listed:
             continue
         held = replace(training, as_listed=training.as_listed | own)
-        model = as_in_file(training, whole.model, listed)
+        model = as_in_file(whole.model, listed, own)
         fresh = fit(held, model, whole.bench.noise)
         if fresh.squares - whole.squares <= LISTED_GAIN:
             training, whole = held, fresh
@@ -178,6 +194,6 @@ def as_listed_notes(whole: Fitted, training: Training) -> list[str]:
 
 
 def _kept(training: Training, term: ActiveEffect) -> list[str]:
-    """Names of an effect's parameters that stay as listed."""
-    specs = enumerate(term.effect.parameters)
-    return [spec.name for i, spec in specs if training.stays(term, i)]
+    """Names of an effect's parameters that stay as listed; not of what the file leaves out."""
+    given = {name for *_, name in given_shapes(training, term) & training.as_listed}
+    return [spec.name for spec in term.effect.parameters if spec.name in given]
