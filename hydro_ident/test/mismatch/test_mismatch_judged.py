@@ -73,8 +73,9 @@ def test_what_a_refit_alone_gains_by_is_no_prediction(
 
 def test_what_nobody_sees_in_the_prediction_is_not_saved_by_a_refit() -> None:
     """Of rows that do not exercise it nothing is expected."""
-    one = replace(_look(1e-4, 100.0), worse="are predicted no better with it", unseen=True)
-    assert unpredicted(one, ["lift/force"], silent=False) == one.worse
+    one = replace(_look(1e-4, 100.0), unseen=True)
+    said = "held-out rows of lift/force are predicted no better with it"
+    assert unpredicted(one, ["lift/force"], silent=False) == said
     assert not unpredicted(one, ["lift/force"], silent=True)
 
 

@@ -92,7 +92,7 @@ def unpredicted(ahead: Look, acting: Sequence[str], silent: bool) -> str:
     before, after = ahead.sides
     known = [name for name in acting if name in after]
     if ahead.unseen and not silent:
-        return ahead.worse
+        return f"held-out rows of {', '.join(known or after)} are predicted no better with it"
     if not known or any(after[n] <= (1.0 + _WORSENED) * before[n] for n in known):
         return ""
     rise = min(after[n] / max(before[n], 1e-300) for n in known) - 1.0

@@ -17,7 +17,7 @@ from hydro_model.robot import FloatArray
 VERIFIED = 0.1
 #: No finding stands with which a channel's held-out rows are predicted worse than this, rms.
 WORSE = 1.05
-#: Share of rmse that a finding has to take off somewhere: less is what any model is off by.
+#: Share of rmse that a finding has to take off somewhere: any model is off by as much.
 _SEEN = 2.5e-4
 #: Deviations that are exceeded on one side once in forty times.
 _ONE_IN_FORTY = 1.96
@@ -48,7 +48,7 @@ class Look:
     instants : int
         From how many it had to choose on these rows when it comes and goes.
     unseen : bool
-        It acts all along, and makes no channel better by what anybody would see.
+        It makes no channel better by what anybody would see.
     """
 
     p_value: float
@@ -105,8 +105,8 @@ def looked(
     lasting = share_of_time(change, block[1]) >= _LASTING
     median = float(np.median(against or [0.0]))
     shown = float(change @ rows.weighed(change))
-    unseen = lasting and _unseen(sides, acting)
-    worse = _worse(sides, acting, unseen)
+    unseen = _unseen(sides, acting)
+    worse = _worse(sides, acting, lasting and unseen)
     return Look(p, share, median, shown, sides, worse, unseen=unseen)
 
 
@@ -157,8 +157,7 @@ def objection(one: Look, least: float) -> str:
 def _unseen(sides: Sequence[Mapping[str, float]], acting: Sequence[str]) -> bool:
     """Whether no channel that a finding acts on is predicted better with it.
 
-    Weighed by the noise it may still gain; a fit that nobody can see improve did not. What acts in
-    a few instants, such as a play, is not judged by the mean over all rows.
+    Weighed by the noise it may still gain; a fit that nobody can see improve did not.
     """
     before, after = sides
     known = [n for n in acting if n in before] or list(before)
@@ -166,7 +165,11 @@ def _unseen(sides: Sequence[Mapping[str, float]], acting: Sequence[str]) -> bool
 
 
 def _worse(sides: Sequence[Mapping[str, float]], acting: Sequence[str], unseen: bool) -> str:
-    """Whether a channel that a finding acts on is predicted worse with it, or none better."""
+    """Whether a channel that a finding acts on is predicted worse with it, or none better.
+
+    What acts in a few instants, such as a play, is not judged by the mean over rows that a refit
+    has moved (`unseen`).
+    """
     before, after = sides
     known = [n for n in acting if n in before] or list(before)
     if unseen:
