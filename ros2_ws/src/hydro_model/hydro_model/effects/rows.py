@@ -133,13 +133,13 @@ def set_valve_signal(s: FloatArray, robot: Robot, cylinder: int, valve_signal: F
     cylinder : int
     valve_signal : (N,) array
     """
+    from hydro_model.effects.valve_kernels import write_edge_flows
+
     s[:, sig.VALVE_SIGNAL] = valve_signal
     name = robot.cylinders[cylinder].name
-    if any(valve.cylinder == name for valve in robot.valves):
-        rails = (s[:, sig.PRESSURE_A], s[:, sig.PRESSURE_B])
-        lines = (s[:, sig.SUPPLY_PRESSURE], s[:, sig.TANK_PRESSURE])
-        flows = edge_flows(robot.valve_of(name), valve_signal, *rails, *lines)
-        s[:, sig.VALVE_FLOW_A], s[:, sig.VALVE_FLOW_B] = flows
+    for valve in robot.valves:
+        if valve.cylinder == name:
+            write_edge_flows(s, valve.c_pa, valve.c_at, valve.c_pb, valve.c_bt)
 
 
 def upwards(robot: Robot) -> FloatArray:
