@@ -88,6 +88,7 @@ def law_address(law: Law) -> int:
     return _table().get(law) or int(_compiled(law).address)
 
 
+@cache
 def signals_read(law: Law) -> frozenset[int]:
     """Indices of the signals that a law looks at, of `hydro_model.effects.signals`."""
     used = law.__code__.co_names

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,6 +49,10 @@ _HALVED, _DOUBLED = 32.0, 64.0
 #: Parts of a sample over which the mean of a law is taken: a hysteresis of 0.5 ms trails a step by
 #: 2 % too much at 500 samples a second. And rows that are split at a time.
 _PARTS, _ROWS = 8, 256
+#: Responses of linear states that are kept: chambers, stretches and trials share them.
+_KEPT_RESPONSES = 256
+#: As many laws with states are kept as addresses: the catalogue has some dozens.
+_KEPT_LAWS = 256
 
 
 class _Laws(NamedTuple):
@@ -314,13 +319,13 @@ def _follower(
         largest=np.zeros(size),
         stages=np.empty((STAGES, size)),
     )
-    laws = _laws(states, law, parameters)
+    laws = _laws(tuple(states), law)._replace(parameters=parameters)
     if all(state.after for state in states):
         after = np.array([law_address(state.after) for state in states if state.after])
         later = np.concatenate([parameters, [step_s], np.full(SIGNAL_COUNT, np.nan)])
         return lambda signals, out: _follow_later(laws, memory, signals, after, later, out)
     if all(state.linear for state in states):
-        response, mean = _responses(laws, memory.row, step_s)
+        response, mean = _responses(tuple(laws.rate.tolist()), tuple(parameters.tolist()), step_s)
         averaged = all(state.averaged for state in states)
         return lambda signals, out: _follow_linear(
             laws, memory, signals, response, mean, averaged, out
@@ -328,15 +333,20 @@ def _follower(
     return lambda signals, out: _follow(laws, memory, signals, step_s, out)
 
 
-def _responses(laws: _Laws, row: FloatArray, step_s: float) -> tuple[FloatArray, FloatArray]:
+@lru_cache(maxsize=_KEPT_RESPONSES)
+def _responses(
+    rate: tuple[int, ...], parameters: tuple[float, ...], step_s: float
+) -> tuple[FloatArray, FloatArray]:
     """What linear states x with rates r(x) are a step later and in its mean, less x, per r(x).
 
-    ``x(h) = x + (exp(A h) - 1) / A r(x)`` with the rates' slopes A in the states; (k, k) each.
+    ``x(h) = x + (exp(A h) - 1) / A r(x)`` with the rates' slopes A in the states; (k, k) each, not
+    to be changed. Rates are given by the addresses of their laws.
     """
     from scipy.linalg import expm
 
-    size = laws.rate.size
-    still = np.zeros_like(row)
+    size, nothing = len(rate), np.zeros(0, dtype=np.int64)
+    laws = _Laws(nothing, np.array(rate), nothing, np.array(parameters), nothing, nothing)
+    still = np.zeros(SIGNAL_COUNT)
     whole = np.zeros((3 * size, 3 * size))
     whole[:size, size : 2 * size] = whole[size : 2 * size, 2 * size :] = step_s * np.eye(size)
     start, moved = np.empty(size), np.empty(size)
@@ -351,7 +361,9 @@ def _responses(laws: _Laws, row: FloatArray, step_s: float) -> tuple[FloatArray,
     return np.ascontiguousarray(later), np.ascontiguousarray(mean)
 
 
-def _laws(states: Sequence[InternalState], law: Law, parameters: FloatArray) -> _Laws:
+@lru_cache(maxsize=_KEPT_LAWS)
+def _laws(states: tuple[InternalState, ...], law: Law) -> _Laws:
+    """What a law with its states looks at, without parameters."""
     rates, initials = [state.rate for state in states], [state.initial for state in states]
     named = frozenset().union(*(signals_read(one) for one in (law, *rates, *initials)))
     read = sorted(named.difference(range(STATE_0, STATE_0 + MAX_STATES)))
@@ -359,7 +371,7 @@ def _laws(states: Sequence[InternalState], law: Law, parameters: FloatArray) -> 
         value=np.array([law_address(law)]),
         rate=np.array([law_address(rate) for rate in rates]),
         initial=np.array([law_address(initial) for initial in initials]),
-        parameters=parameters,
+        parameters=np.zeros(0),
         read=np.array(read, dtype=np.int64),
         moving=np.array([c for c in read if c not in HELD_SIGNALS], dtype=np.int64),
     )
