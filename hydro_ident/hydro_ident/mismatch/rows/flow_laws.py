@@ -72,13 +72,14 @@ class HeldRows:
         step_s : float
             Sampling interval.
         """
+        from hydro_ident.mismatch.rows.row_kernels import between
+
         late, soon, share = held_parts(rows[:, VALVE_SIGNAL], delay_s, step_s)
         halves = ((late, share, 0.5 * share), (soon, 1.0 - share, 0.5 * (1.0 + share)))
         kept = [half for half in halves if half[1] > 0.0]
-        parts, further = [], rows[1:] - rows[:-1]
+        parts = []
         for signal, _, at in kept:
-            own = at * further
-            own += rows[:-1]
+            own = between(rows, at)
             set_valve_signal(own, robot, cylinder, signal)
             parts.append(own)
         known = np.all([np.isfinite(signal) for signal, _, _ in kept], axis=0)

@@ -187,17 +187,12 @@ class Material:
 
         `steps` are the volumes.
         """
-        start = stretch.starts[chamber]
-        known = np.isfinite(steps)
-        finite = np.where(known, steps, 0.0)
-        total = np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(finite, axis=0)])
-        step_s = stretch.trace.step_s
-        means = np.asarray((total[start + stretch.span] - total[start]) / (stretch.span * step_s))
-        broken = np.asarray(~known.all(axis=tuple(range(1, steps.ndim))))
-        if start.size and broken[start[0] :].any():
-            count = np.concatenate([[0], np.cumsum(broken)])
-            means[count[start + stretch.span] > count[start]] = 0.0
-        return means
+        from hydro_ident.mismatch.rows.row_kernels import window_means
+
+        start, length_s = stretch.starts[chamber], stretch.span * stretch.trace.step_s
+        columns = np.ascontiguousarray(steps.reshape(len(steps), -1))
+        means = window_means(columns, start, stretch.span, length_s)
+        return np.asarray(means.reshape(start.size, *steps.shape[1:]))
 
     def on_rows(self, stretch: Stretch, channel: int, values: NDArray[Value]) -> NDArray[Value]:
         """Samples (T, ...) of a stretch at the middles of a channel's rows."""
