@@ -10,7 +10,7 @@ import pytest
 
 from hydro_ident.mismatch.naming.contenders import behind
 from hydro_ident.mismatch.naming.contest import Contest
-from hydro_ident.mismatch.naming.name import _sibling
+from hydro_ident.mismatch.naming.name import _places, _sibling
 from hydro_ident.mismatch.naming.named import named_of
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.mismatch.trials.candidates import trials
@@ -39,11 +39,11 @@ def test_only_what_stands_for_a_set_keeps_others_away_from_its_target(
     ]
     found = named_of(pair, 0.001, 1.0)
     assert found.names == ("valve_underlap", "valve_gain_nonlinearity")
-    assert _sibling(at_lift["valve_underlap"], [found])
-    assert not _sibling(at_lift["valve_gain_nonlinearity"], [found])
-    assert not _sibling(at_tilt["valve_underlap"], [found])
+    assert _sibling(at_lift["valve_underlap"], _places([found]))
+    assert not _sibling(at_lift["valve_gain_nonlinearity"], _places([found]))
+    assert not _sibling(at_tilt["valve_underlap"], _places([found]))
     lag = Contender(at_lift["valve_spool_lag"].active, work.base.weighed, 9.0, 9.0, 4.0)
-    assert _sibling(at_lift["command_delay"], [named_of([lag], 0.001, 1.0)])
+    assert _sibling(at_lift["command_delay"], _places([named_of([lag], 0.001, 1.0)]))
 
 
 def test_one_valve_that_is_late_is_no_delay_of_all(

@@ -193,7 +193,8 @@ class Searcher:
     def _scan(self, current: Fitted, named: Sequence[Named]) -> _Scan | None:
         """Every trial scored, weighed by the noise that the best of them would leave."""
         bank = self.bank.entries(current.model, self.excluded)
-        entries = [e for e in bank if not _sibling(e.trial, named)]
+        there = _places(named)
+        entries = [e for e in bank if not _sibling(e.trial, there)]
         mask = self.training.mask
         scores = [s for e in entries if (s := score(current.bench, e, mask)) is not None]
         if not scores:
@@ -273,13 +274,17 @@ class Searcher:
         return self.training.bench(noise, current.residual, joined, current.offset).residual
 
 
-def _sibling(trial: Trial, named: Sequence[Named]) -> bool:
-    """Whether a trial cannot stand beside what was found already at its target.
+def _places(named: Sequence[Named]) -> list[tuple[str, set[str]]]:
+    """Targets and names of what was found: to choose what stands in a model takes its time."""
+    return [(n.term.target, {n.term.effect.name, n.modelled.name}) for n in named]
+
+
+def _sibling(trial: Trial, there: Sequence[tuple[str, set[str]]]) -> bool:
+    """Whether a trial cannot stand beside what was found already at its target (`_places`).
 
     What only was not told from that may be there as well: with it in place the set is made anew.
     """
     return any(
-        n.term.target == trial.target
-        and any(exclude(name, trial.name) for name in (n.term.effect.name, n.modelled.name))
-        for n in named
+        target == trial.target and any(exclude(name, trial.name) for name in names)
+        for target, names in there
     )

@@ -63,12 +63,13 @@ def same(one: ActiveEffect, other: ActiveEffect) -> bool:
 
 def shapes(one: ActiveEffect) -> bool:
     """Whether an effect enters through the edges."""
-    return any(term.stage in _EDGES for term in one.effect.terms)
+    return any(stage in _EDGES for stage in one.effect.stages)
 
 
 def gives_way(one: ActiveEffect) -> bool:
     """Whether an effect is a rail that gives way."""
-    return bool({Stage.SUPPLY, Stage.TANK} & set(one.effect.stages))
+    # Not by a set: of each of so many models every effect is asked, and enums take long to hash.
+    return Stage.SUPPLY in one.effect.stages or Stage.TANK in one.effect.stages
 
 
 def _let_pass(one: ActiveEffect) -> bool:
@@ -110,12 +111,14 @@ def identical(one: Model, other: Model) -> bool:
 
 def _shape_of(model: Model) -> tuple[object, ...]:
     rails = any(gives_way(t) for t in model.terms)
-    edges = [
-        float(getattr(v, e)) for v in model.robot.valves for e in ("c_pa", "c_at", "c_pb", "c_bt")
-    ]
     terms = [
         (t.effect.name, t.target, tuple(t.parameters.tolist()))
         for t in model.terms
         if shapes(t) or t.effect.reading is not None or (rails and _let_pass(t))
     ]
-    return (tuple(terms), (*edges, *model.delays_s) if rails else ())
+    if not rails:
+        return (tuple(terms), ())
+    edges = [
+        float(getattr(v, e)) for v in model.robot.valves for e in ("c_pa", "c_at", "c_pb", "c_bt")
+    ]
+    return (tuple(terms), (*edges, *model.delays_s))
