@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.mismatch.rows.flow_laws import held_flows, looks_at_valve
 from hydro_ident.mismatch.rows.force_rows import forces_of, measured
 from hydro_ident.mismatch.rows.material import Place, Stretch, pressure_of
-from hydro_ident.mismatch.rows.modelled import Model, gives_way, same, shapes
+from hydro_ident.mismatch.rows.modelled import Model, gives_way, reading_key, same, shapes
 from hydro_ident.mismatch.rows.shaping import Signals
 from hydro_model.effects.catalogue import acting_share
 from hydro_model.effects.effect import Stage
@@ -59,7 +60,7 @@ def contribution(signals: Signals, model: Model, one: ActiveEffect) -> FloatArra
     if one.effect.change is not None or known:
         _add_change(signals, without, one, result)
     if Stage.FRICTION in stages and not known:
-        _add_friction(signals, without, one, result)
+        result += _friction(signals, without, one)
     if shapes(one) or _in_company(without, one):
         _add_edges(signals, one, (without, without.with_term(one)), result)
     elif stages & _BALANCE:
@@ -158,8 +159,21 @@ def _add_change(signals: Signals, model: Model, one: ActiveEffect, into: FloatAr
             into[place.rows] += filtered[:, material.joint_of(place.channel)]
 
 
-def _add_friction(signals: Signals, model: Model, one: ActiveEffect, into: FloatArray) -> None:
+def _friction(signals: Signals, model: Model, one: ActiveEffect) -> FloatArray:
+    """What an effect's friction comes to, (N,); not to be changed: it is kept.
+
+    It follows from readings and its own numbers alone, and many models hold it at the same ones.
+    """
+    make = partial(_friction_rows, signals, model, one)
+    if one.effect.needs_valve:
+        return make()
+    own = one.effect, one.target, tuple(one.parameters.tolist())
+    return signals.frictions.of((*own, reading_key(model)), make)
+
+
+def _friction_rows(signals: Signals, model: Model, one: ActiveEffect) -> FloatArray:
     material = signals.material
+    into = np.zeros(material.size)
     own = {joint_of(material.robot, part): part for part in parts(material.robot, one)}
     for place in material.places:
         if material.is_flow(place.channel) or material.joint_of(place.channel) not in own:
@@ -171,6 +185,7 @@ def _add_friction(signals: Signals, model: Model, one: ActiveEffect, into: Float
         if material.forces.torque and part.joint is None:
             force = force * rows[:, LEVER]
         into[place.rows] += material.filtered(stretch, force)
+    return into
 
 
 def _add_balance(signals: Signals, model: Model, one: ActiveEffect, into: FloatArray) -> None:

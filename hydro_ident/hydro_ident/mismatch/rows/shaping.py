@@ -14,6 +14,7 @@ from hydro_ident.estimate.signals.traces import Trace, last_known
 from hydro_ident.mismatch.rows.changed_torques import ChangedTorques
 from hydro_ident.mismatch.rows.corrected import CorrectedReadings
 from hydro_ident.mismatch.rows.flow_laws import HeldRows
+from hydro_ident.mismatch.rows.kept_rows import KeptRows
 from hydro_ident.mismatch.rows.law_signals import (
     dry_rows,
     reshape,
@@ -50,6 +51,8 @@ class Signals:
     material : Material
     readings : CorrectedReadings
     changes : ChangedTorques
+    frictions : KeptRows
+        Of laws of friction, on all rows.
     spans : dict
         What `under_way` keeps, by stretch and joint.
     """
@@ -73,6 +76,7 @@ class Signals:
     _held: dict[tuple[int, int], tuple[_HeldOf, HeldRows]] = field(default_factory=dict)
     _last_plain: tuple[Model, FloatArray] | None = None
     _regressors: dict[int, list[tuple[Motion, FloatArray]]] = field(default_factory=dict)
+    frictions: KeptRows = field(default_factory=KeptRows)
     changes: ChangedTorques = field(default_factory=ChangedTorques)
     spans: dict[tuple[int, int], tuple[Motion, FloatArray]] = field(default_factory=dict)
 
