@@ -190,9 +190,12 @@ def best_subset(
     gains : (M,) array
     coefficients : (M, k) array
     """
+    from hydro_ident.mismatch.trials.subset_kernels import best_single
+
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     free = np.asarray(signed, dtype=bool)
-    gains, coefficients = _best_single(size, sums, free, kept)
+    gains, coefficients = np.empty(sums.shape[0]), np.empty(sums.shape)
+    best_single(size**2, np.ascontiguousarray(sums), free, kept, gains, coefficients)
     for number in range(2, gram.shape[0] + 1):
         for subset in itertools.combinations(np.flatnonzero(kept).tolist(), number):
             at = list(subset)
@@ -212,16 +215,4 @@ def best_subset(
             rows = np.flatnonzero(better)
             for position, column in enumerate(at):
                 coefficients[rows, column] = found[rows, position]
-    return gains, coefficients
-
-
-def _best_single(
-    size: FloatArray, sums: FloatArray, free: BoolArray, kept: BoolArray
-) -> tuple[FloatArray, FloatArray]:
-    """As `best_subset`, of one column each, of norms (k,); free are those of either sign."""
-    found = sums / size**2
-    gain = np.where(kept & (free | (found >= 0.0)), found * sums, 0.0)
-    best, rows = np.argmax(gain, axis=1), np.arange(sums.shape[0])
-    gains, coefficients = gain[rows, best], np.zeros_like(sums)
-    coefficients[rows, best] = np.where(gains > 0.0, found[rows, best], 0.0)
     return gains, coefficients
