@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hydro_model import signals as sig
+from hydro_model.effects import signals as sig
 from hydro_model.effects.rows import set_valve_signal
+from hydro_model.hydraulics.valve import edge_flows
 from hydro_model.robot import FloatArray
 from hydro_model.robot_files import load_robot
-from hydro_model.valve import edge_flows
 
 ROBOT = load_robot("xs031")
 PRESSURES = (sig.PRESSURE_A, sig.PRESSURE_B, sig.SUPPLY_PRESSURE, sig.TANK_PRESSURE)

@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from hydro_model.effects import signals as sig
 from hydro_model.hydraulics.cylinder import lever, lever_rate, piston_force, stroke
-from hydro_model.hydraulics.valve import edge_flows
 from hydro_model.robot import FloatArray, Robot
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hydro_model.kernel import inlined, kernel
-from hydro_model.signals import (
+from hydro_model.effects.signals import (
     PRESSURE_A,
     PRESSURE_B,
     SUPPLY_PRESSURE,
@@ -14,7 +13,8 @@ from hydro_model.signals import (
     VALVE_FLOW_B,
     VALVE_SIGNAL,
 )
-from hydro_model.valve import SMOOTH_PRESSURE_PA
+from hydro_model.hydraulics.valve import SMOOTH_PRESSURE_PA
+from hydro_model.numerics.kernel import inlined, kernel
 
 Array = Any  # numba types the kernels; mypy follows no numba import
 _SMOOTH_SQUARED = SMOOTH_PRESSURE_PA**2
@@ -22,13 +22,13 @@ _SMOOTH_SQUARED = SMOOTH_PRESSURE_PA**2
 
 @inlined
 def _root(difference: float) -> float:
-    """`hydro_model.valve.signed_root` to the last digit: two square roots would be another."""
+    """As `hydro_model.hydraulics.valve`, to the last digit: two square roots would be another."""
     return float(difference / (difference * difference + _SMOOTH_SQUARED) ** 0.25)
 
 
 @kernel
 def write_edge_flows(s: Array, c_pa: float, c_at: float, c_pb: float, c_bt: float) -> None:
-    """`hydro_model.valve.edge_flows` of every row of signals, into the row.
+    """`hydro_model.hydraulics.valve.edge_flows` of every row of signals, into the row.
 
     Parameters
     ----------
