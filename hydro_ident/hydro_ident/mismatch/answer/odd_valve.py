@@ -6,8 +6,9 @@ or hears its commands late looks like a delay of some tenths of a cycle. So that
 what the others have, and what it is later by is searched for as any effect is.
 
 A spool that the robot file lists hides it as well, by a frequency lower than listed: what such a
-valve is later by than its file says counts. To be held it is put back as listed, with the usual
-numbers of what the file leaves out: a damping of its own makes it as late as a frequency does.
+valve is later by than its file says counts. To be held all spools are put back as listed, with the
+usual numbers of what the file leaves out: a damping makes a valve as late as a frequency does, or
+as early where one delay of all commands is tried.
 """
 
 from __future__ import annotations
@@ -124,9 +125,10 @@ def held_to_others(work: Residuals, whole: Fitted, index: int) -> Residuals:
     delays_s = whole.model.delays_s
     others = [delays_s[i] for i in work.training.predictor.delay_columns if i != index]
     latest_s = {index: float(np.median(others))}
-    spool = _spool(work.base, index)
-    listed = None if spool is None else listed_effects(work.training).get(key_of(spool))
-    own = frozenset() if listed is None else shapes_of(listed)
+    listed = listed_effects(work.training)
+    # Of all valves: what one has to be late by, the others' spools may not make up for.
+    spools = [one for one in listed.values() if one.effect.name == SPOOL]
+    own = frozenset[tuple[str, str, str]]().union(*(shapes_of(one) for one in spools))
     training, scan = (
         replace(t, latest_s=latest_s, as_listed=t.as_listed | own)
         for t in (work.training, work.scan)
@@ -134,7 +136,9 @@ def held_to_others(work: Residuals, whole: Fitted, index: int) -> Residuals:
     fresh = list(work.base.model.delays_s)
     fresh[index] = min(fresh[index], latest_s[index])
     start = replace(work.base.model, delays_s=tuple(fresh))
-    base = fit(training, start if listed is None else as_in_file(start, listed, own))
+    for spool in spools:
+        start = as_in_file(start, spool, shapes_of(spool))
+    base = fit(training, start)
     same = work.scan is work.training
     return replace(work, training=training, scan=training if same else scan, base=base)
 
