@@ -10,19 +10,20 @@ import numpy as np
 import pytest
 
 from hydro_ident.mismatch.answer import spoilt
-from hydro_ident.mismatch.answer.confirmation import (
+from hydro_ident.mismatch.answer.confirmation import _confirmed, _told_anew
+from hydro_ident.mismatch.answer.outcome import Finding
+from hydro_ident.mismatch.answer.spoilt import made_worse
+from hydro_ident.mismatch.answer.withdrawal import (
     _better_answers,
-    _confirmed,
     _explain_less,
     _variable,
     withdrawn,
 )
-from hydro_ident.mismatch.answer.outcome import Finding
-from hydro_ident.mismatch.answer.spoilt import made_worse
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.locating.dependence import Dependence
 from hydro_ident.mismatch.modelling.model import robot_of
+from hydro_ident.mismatch.naming.contest import Contest
 from hydro_ident.mismatch.naming.name import Search
 from hydro_ident.mismatch.naming.named import Named, named_of
 from hydro_ident.mismatch.split.residuals import Residuals
@@ -181,3 +182,20 @@ def test_refused_names_give_way_to_one_name_of_one_thing(
     assert "joint_coupling" in {f.named.term.effect.name for f in rejected}
     # A file that listed it twice could not be read.
     resolve(robot_of(rubbing.training.predictor, whole, rubbing.robot).robot)
+
+
+@pytest.mark.parametrize(("few", "fresh"), [(8.0, True), (1.0, False)])
+def test_in_few_motions_a_set_is_told_anew_without_what_was_refused(
+    rubbing: Residuals, few: float, fresh: bool
+) -> None:
+    """Beside what was refused a coupling had fitted as well as the friction that is there."""
+    whole, finding = _found(rubbing, *COULOMB)
+    beside = _found(rubbing, *COUPLING)[1].named.modelled
+    (own,) = finding.named.contenders
+    alike = replace(beside, gain=own.gain, held_out=own.held_out)
+    stale = named_of([own, alike], 0.001, 1.0, few)
+    assert set(stale.names) == {"coulomb_friction", "joint_coupling"}
+    contest = Contest(rubbing.scan)
+    told = _told_anew(contest, rubbing, whole, replace(finding, named=stale))
+    assert told.named.names == (("coulomb_friction",) if fresh else stale.names)
+    assert told.verification is finding.verification

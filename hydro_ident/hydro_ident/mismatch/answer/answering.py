@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.mismatch.answer.channel_results import channels_of, rows_of_training
-from hydro_ident.mismatch.answer.confirmation import searched, withdrawn
+from hydro_ident.mismatch.answer.confirmation import searched
 from hydro_ident.mismatch.answer.lacking import (
     lacking,
     lacking_elsewhere,
@@ -18,6 +18,7 @@ from hydro_ident.mismatch.answer.lacking import (
 from hydro_ident.mismatch.answer.loads_apart import with_loads
 from hydro_ident.mismatch.answer.odd_valve import explains, held_to_others, odd_valve, slower_spool
 from hydro_ident.mismatch.answer.outcome import Finding
+from hydro_ident.mismatch.answer.withdrawal import withdrawn
 from hydro_ident.mismatch.fitting.as_listed import LISTED_GAIN, relisted
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import fit

@@ -159,7 +159,8 @@ def verify(
     if not silent and there is not None:
         alien = not all(alike(narrow, there, term, prior) for term in terms)
         reason = reason or (_apart(agreement) if alien else "")
-    going = "" if reason else _comes_and_goes(training, without, here)
+    # In few motions a stretch of time is a stretch of the law: its form and its size are one.
+    going = "" if reason or named.few > 1.0 else _comes_and_goes(training, without, here)
     reason = reason or going
     # What a refit to these rows leaves is no prediction of them, whatever it says of the finding.
     sides = best.paid, *looks[0].sides, best.placebo
