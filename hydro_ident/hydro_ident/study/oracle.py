@@ -200,7 +200,8 @@ def unsplit(training: Training, base: Fitted, whole: Fitted) -> list[str]:
     robot, joint = training.predictor.material.robot, _joint_of(training, term)
     chosen = [t for t in trials(training.predictor, model) if _acts_at(robot, t, joint)]
     entries = bank_of(training.predictor, model, chosen)
-    scores = [s for e in entries if (s := score(bench, e, training.mask, left)) is not None]
+    chance = bench.witness(left)
+    scores = [s for e in entries if (s := score(bench, e, training.mask, chance)) is not None]
     rivals = dict[tuple[str, str], Score]()
     for one in sorted(scores, key=lambda s: -s.value):
         rivals.setdefault((one.entry.trial.name, one.entry.trial.target), one)

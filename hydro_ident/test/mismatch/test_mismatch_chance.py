@@ -50,7 +50,7 @@ def _slow(rng: np.random.Generator, size: int) -> np.ndarray:
 def _p_value(residual: np.ndarray, candidates: np.ndarray, one: ActiveEffect) -> float:
     """Chance of the best of some candidates, as the search asks for it."""
     bench = Bench(_layout(), WHITE, residual, np.ones((ROWS, 1)), BLOCK_S)
-    rows = np.arange(ROWS)
+    rows = np.ones(ROWS, dtype=bool)
     mask = np.ones(ROWS, dtype=bool)
     trial = Trial(one, (one.parameters,), (-1,), (True,))
     entries = [Entry(trial, rows, column[:, None]) for column in candidates.T]

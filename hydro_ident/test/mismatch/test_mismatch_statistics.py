@@ -107,6 +107,37 @@ def test_a_column_that_the_base_says_already_gains_nothing() -> None:
     assert bench.solve() == pytest.approx([2.0, -1.0, 0.5], abs=0.01)
 
 
+def test_columns_of_some_channels_are_as_those_of_all_rows_beyond_the_base() -> None:
+    """Products of residuals with columns laid out over all rows, zero in the other channels."""
+    rng, count = np.random.default_rng(12), ROWS // 3
+    channel = np.repeat(np.arange(3), count)
+    time = np.tile(np.arange(count) * STEP_S, 3)
+    first = np.tile(np.arange(count) > 0, 3)
+    layout = Layout(channel, np.zeros(3 * count, dtype=np.intp), time, first)
+    phi = (np.array([0.6]), np.array([0.3, 0.2]), np.zeros(0))
+    noise = Noise(phi, np.array([0.3, 2.0, 1.0]))
+    x, y, size = rng.normal(size=(3 * count, 4)), rng.normal(size=3 * count), 3 * count
+    # Each of two channels by itself and both together; another that the base has, nearly.
+    x[channel == 2, 0] = x[channel == 0, 1] = 0.0
+    prior = rng.normal(size=(2, 4)), rng.normal(size=2)
+    bench = Bench(layout, noise, y, x, 1.0, prior)
+    other = rng.normal(size=bench.count)
+    for acting in ([0], [1, 2], [0, 2]):
+        rows = np.isin(channel, acting)
+        z = np.zeros((size, 3))
+        z[rows] = rng.normal(size=(int(rows.sum()), 3))
+        z[rows, 1] = x[rows, 2] + 1e-2 * z[rows, 0]
+        found = bench.partial(z[rows].astype(np.float32), bench.witness(other), rows)
+        left = bench.beyond(z.astype(np.float32))
+        np.testing.assert_allclose(found.gram, left.T @ left, rtol=1e-9, atol=1e-9)
+        for got, residual in ((found.scores, bench.residual), (found.chance, other)):
+            wanted = bench.by_block(left * residual[:, None])
+            np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-9)
+        whole = bench.partial(z.astype(np.float32))
+        np.testing.assert_allclose(whole.scores, found.scores, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(whole.plain, found.plain, rtol=1e-12)
+
+
 def test_gain_and_coefficient_are_those_of_the_joint_fit() -> None:
     rng = np.random.default_rng(3)
     z = np.sign(_coloured(rng))

@@ -7,6 +7,7 @@ blocks gives what such a column gains by chance, with the residual's own size an
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,7 +18,7 @@ from hydro_ident.estimate.scoring.scores import in_turns
 from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.tall import factored
 from hydro_ident.mismatch.fitting.whitening import IndexArray, Layout, Noise
-from hydro_ident.mismatch.fitting.whitening_kernels import add_blocks
+from hydro_ident.mismatch.fitting.whitening_kernels import add_blocks, whiten
 from hydro_model.robot import FloatArray
 
 #: Base columns within this share of each other's span count once.
@@ -46,6 +47,31 @@ class Partial:
     scores: FloatArray
     plain: FloatArray
     chance: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Witness:
+    """A residual, for products with columns beyond the base.
+
+    Attributes
+    ----------
+    values : (M,) array
+        Whitened.
+    told : (B, r) array
+        Its products with the base's directions by block of time.
+    """
+
+    values: FloatArray
+    told: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class _Span:
+    """Rows of a channel: of the layout, and of the settled ones."""
+
+    channel: int
+    all: slice
+    settled: slice
 
 
 class Bench:
@@ -183,20 +209,82 @@ class Bench:
         white = self._whitened(columns)
         return np.asarray(white - self.basis @ (self.basis.T @ white))
 
-    def partial(self, columns: FloatArray, left_over: FloatArray | None = None) -> Partial:
-        """What columns (N, k) hold beyond the base, and what of the residual they meet.
+    def partial(
+        self,
+        columns: FloatArray,
+        left_over: Witness | None = None,
+        rows: BoolArray | None = None,
+    ) -> Partial:
+        """What columns hold beyond the base, and what of the residual they meet.
+
+        What a column c lacks of the base's directions Q is not laid out over all rows: by
+        ``(c - Q Q'c)'(c - Q Q'c) = c'c - (Q'c)'(Q'c)`` and, of a block b with a residual e,
+        ``e_b'(c - Q Q'c)_b = e_b'c_b - (e_b'Q_b) Q'c`` only rows on which it acts are touched.
 
         Parameters
         ----------
         columns : (N, k) array
-        left_over : (M,) array, optional
-            Another whitened residual whose products with the columns are wanted, too.
+        left_over : Witness, optional
+            Another residual whose products with the columns are wanted, too.
+        rows : (N,) bool array, optional
+            Whole channels that the columns are of, M of the rows, where they are (M, k) of these.
         """
-        white = self._whitened(columns)
-        left = white - self.basis @ (self.basis.T @ white)
-        scores = self.by_block(left, self.residual)
-        chance = scores if left_over is None else self.by_block(left, left_over)
-        return Partial(left.T @ left, scores, np.sum(white**2, axis=0), chance)
+        count = columns.shape[1]
+        gram, plain, told = np.zeros((count, count)), np.zeros(count), np.zeros((self.rank, count))
+        witnesses = [self._own, *([] if left_over is None else [left_over])]
+        sums = [np.zeros((self.blocks, count)) for _ in witnesses]
+        for span, columns_of in self._acting(columns, rows):
+            kept, white = span.settled, self._white(span, columns_of)
+            gram += white.T @ white
+            plain += np.sum(white**2, axis=0)
+            told += self.basis[kept].T @ white
+            for out, one in zip(sums, witnesses, strict=True):
+                add_blocks(self.block[kept], white, one.values[kept], out)
+        beyond = [out - one.told @ told for out, one in zip(sums, witnesses, strict=True)]
+        return Partial(gram - told.T @ told, beyond[0], plain, beyond[-1])
+
+    def witness(self, values: FloatArray) -> Witness:
+        """Whitened values (M,) laid out for products with what columns hold beyond the base."""
+        return Witness(values, self.by_block(self.basis, values))
+
+    @cached_property
+    def _own(self) -> Witness:
+        return self.witness(self.residual)
+
+    @cached_property
+    def _spans(self) -> tuple[_Span, ...]:
+        """Of every channel."""
+        numbers = np.arange(len(self.noise.phi) + 1)
+        ends = np.searchsorted(self.layout.channel, numbers)
+        settled = np.append(0, np.cumsum(self.rows))[ends]
+        return tuple(
+            _Span(k, slice(*ends[k : k + 2].tolist()), slice(*settled[k : k + 2].tolist()))
+            for k in range(len(self.noise.phi))
+        )
+
+    def _acting(
+        self, columns: FloatArray, rows: BoolArray | None
+    ) -> Iterator[tuple[_Span, FloatArray]]:
+        """Channels on which columns act, with their rows of these."""
+        at = 0
+        for span in self._spans:
+            size = span.all.stop - span.all.start
+            if rows is None:
+                own = columns[span.all]
+            elif size and rows[span.all.start]:
+                own = columns[at : at + size]
+                at += size
+            else:
+                continue
+            if own.any():
+                yield span, own
+
+    def _white(self, span: _Span, columns: FloatArray) -> FloatArray:
+        """A channel's rows of columns, whitened, the settled ones."""
+        white = np.array(columns, dtype=float, order="C")
+        noise, k = self.noise, span.channel
+        whiten(white, 0, len(white), noise.phi[k], float(noise.std[k]))
+        return white[self.rows[span.all]]
 
     def held_out(
         self, block_s: float, folds: int, guard_s: float, reach: FloatArray | None = None

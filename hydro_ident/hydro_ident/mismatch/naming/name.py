@@ -202,7 +202,7 @@ class Searcher:
         taken = foremost(scores)
         noise = self._noise_without(current, taken)
         bench = self.training.bench(noise, current.residual, current.columns, current.offset)
-        left = self._left_over(current, noise, taken)
+        left = bench.witness(self._left_over(current, noise, taken))
         scores = [s for e in entries if (s := score(bench, e, mask, left)) is not None]
         scores.sort(key=lambda s: -s.value)
         leading = firsts(scores)

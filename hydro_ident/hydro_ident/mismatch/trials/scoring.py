@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_ident.estimate.statistics.rows import BoolArray
-from hydro_ident.mismatch.fitting.bench import Bench, Partial
+from hydro_ident.mismatch.fitting.bench import Bench, Partial, Witness
 from hydro_ident.mismatch.rows.prediction import Model, Predictor, shapes
 from hydro_ident.mismatch.trials.candidates import Trial, trials
 from hydro_model.effects.targets import ActiveEffect
@@ -146,7 +146,7 @@ class Score:
 
 
 def score(
-    bench: Bench, entry: Entry, mask: BoolArray, left_over: FloatArray | None = None
+    bench: Bench, entry: Entry, mask: BoolArray, left_over: Witness | None = None
 ) -> Score | None:
     """Score one trial; None where a refit swallows it.
 
@@ -156,17 +156,17 @@ def score(
     entry : Entry
     mask : (N,) bool array
         Training rows of the material, which `bench` is of.
-    left_over : array, optional
-        Whitened residual without the best trial, for `chance_of`.
+    left_over : Witness, optional
+        Of the residual without the best trial, for `chance_of`.
     """
-    partial = bench.partial(entry.columns(mask.size)[mask], left_over)
+    partial = bench.partial(entry.values[mask[entry.rows]], left_over, entry.rows[mask])
     kept = np.diag(partial.gram) > SWALLOWED * partial.plain
     if not kept.any():
         return None
     sums = partial.scores.sum(axis=0)[None]
     gains, coefficients = best_subset(partial.gram, sums, entry.trial.signed, kept)
     with np.errstate(divide="ignore"):
-        std = np.where(kept, 1.0 / np.sqrt(np.diag(partial.gram)), np.inf)
+        std = np.where(kept, 1.0 / np.sqrt(np.maximum(np.diag(partial.gram), 0.0)), np.inf)
     return Score(entry, float(gains[0]), coefficients[0], std, partial)
 
 
