@@ -29,6 +29,7 @@ from hydro_ident.mismatch.split.listed_friction import bends_of_listed, with_bri
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.mismatch.trials.exclusion import SPOOL
 from hydro_ident.mismatch.unnamed.describe import form_of
+from hydro_ident.mismatch.unnamed.nearest import with_nearest
 from hydro_ident.mismatch.unnamed.unknown import Unexplained, unexplained
 from hydro_ident.mismatch.unnamed.wavering import wavering
 from hydro_ident.mismatch.verifying.confirm import Confirmer
@@ -149,6 +150,7 @@ def _answered(work: Residuals, base: Fitted, stage: int) -> Answer:
     work, whole = _relisted(work, whole)
     advance("describing what has no name", stage + 2, STAGES)
     unknown = _described(work, whole, left, findings, rejected)
+    unknown = _with_nearest(work, whole, search, unknown)
     found = tuple(findings), tuple(rejected), tuple(taken)
     return Answer(work, search, whole, *found, unknown, tuple(left))
 
@@ -186,6 +188,17 @@ def _described(
         replace(one, form=form_of(work.training, whole, confirmer, one.dependence))
         for one in found
     )
+
+
+def _with_nearest(
+    work: Residuals, whole: Fitted, search: Search, unknown: tuple[Unexplained, ...]
+) -> tuple[Unexplained, ...]:
+    """As `with_nearest`, on the rows that were searched."""
+    if not unknown:
+        return unknown
+    same = work.scan is work.training
+    here = whole if same else fit(work.scan, whole.model, passes=1)
+    return with_nearest(work.scan, here, search.scanned, unknown)
 
 
 def _completed(answer: Answer) -> tuple[Unexplained, ...]:
