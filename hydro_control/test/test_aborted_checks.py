@@ -60,7 +60,7 @@ LONG = [Waypoint(20.0, ABOVE, EMPTY, EMPTY)]
 @pytest.mark.parametrize(
     ("happens", "why"),
     [
-        (lambda core: core.request_trajectory("tip", [], []), "a stop was asked for"),
+        (lambda core: core.requests.trajectory("tip", [], []), "a stop was asked for"),
         (lambda core: answered(core, 1000), "the reference was set anew"),  # behind a gap
         (lambda core: core.restart(), "the controller began anew"),
     ],
@@ -74,7 +74,7 @@ def test_a_check_ends_with_what_makes_it_idle(
     places = Places(lambda: happens(core))
     monkeypatch.setattr(paths_check, "joints_at_tip", places)
     with pytest.raises(ControlError, match=f"trajectory refused: {why} while it was checked"):
-        core.request_trajectory("tip", [ROBOT.tip_link], LONG)
+        core.requests.trajectory("tip", [ROBOT.tip_link], LONG)
     assert places.count == 50
 
 
@@ -83,7 +83,7 @@ def test_nothing_else_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
     answered(core, 0)
     places = Places(lambda: answered(core, 1))
     monkeypatch.setattr(paths_check, "joints_at_tip", places)
-    core.request_trajectory("tip", [ROBOT.tip_link], LONG)
+    core.requests.trajectory("tip", [ROBOT.tip_link], LONG)
     assert places.count > PLACES
     answered(core, 2)
     assert core.moving
@@ -92,8 +92,8 @@ def test_nothing_else_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_is_asked_for_after_a_stop_is_played() -> None:
     core = ControllerCore(ROBOT, Gains())
     answered(core, 0)
-    core.request_stop()
-    core.request_trajectory("joint", ["lift"], [Waypoint(1.0, np.array([0.7]), EMPTY, EMPTY)])
+    core.requests.stop()
+    core.requests.trajectory("joint", ["lift"], [Waypoint(1.0, np.array([0.7]), EMPTY, EMPTY)])
     answered(core, 1)
     assert core.moving
 
@@ -109,13 +109,13 @@ def test_the_controllers_own_path_is_not_checked_on_once_it_is_stopped(
     move = paths_check.joint_motion
 
     def moved(*arguments: Any) -> Any:
-        core.request_trajectory("joint", [], [])
+        core.requests.trajectory("joint", [], [])
         return move(*arguments)
 
     looked_on: list[object] = []
     monkeypatch.setattr(paths_check, "joint_motion", moved)
     monkeypatch.setattr(paths_check, "_pistons", lambda *given: looked_on.append(given))
-    core.check_waiting_path()
+    core.requests.check_waiting_path()
     assert not looked_on
     assert core.message == ""
     assert core.counts.refused == 0

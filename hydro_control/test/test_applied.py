@@ -208,7 +208,7 @@ def test_a_motion_that_is_withheld_is_dropped_and_held_where_the_robot_is() -> N
     assert not loop.core.moving
     assert loop.core.counts.withheld > 100
     with pytest.raises(ControlError, match="do not get the commands"):
-        loop.core.request_trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], ZERO, ZERO)])
+        loop.core.requests.trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], ZERO, ZERO)])
     # Applied again, slowly: held where it was then, with no error to catch up with.
     loop.run(1, sunk, share=0.01)
     reference = loop.run(200, sunk - 0.01, share=0.01).reference
@@ -216,7 +216,7 @@ def test_a_motion_that_is_withheld_is_dropped_and_held_where_the_robot_is() -> N
     np.testing.assert_array_equal(reference.velocity, ZERO)
     assert loop.core.message.startswith("holding: the motion was dropped")
     there = [Waypoint(1.0, np.array([0.6]), np.array([]), np.array([]))]
-    loop.core.request_trajectory("joint", ["lift"], there)
+    loop.core.requests.trajectory("joint", ["lift"], there)
     loop.run(1, sunk)
     assert loop.core.moving
     assert loop.core.message == ""

@@ -95,11 +95,11 @@ def test_a_start_too_far_ahead_is_refused(space: str) -> None:
     for ahead_ns in (HOUR_NS, most_ns + PERIOD_NS):
         expected = f"within 10 s of the newest sample, found {ahead_ns / SECOND_NS:.3f} s ahead"
         with pytest.raises(ControlError, match=f"trajectory refused: .*{expected}"):
-            loop.core.request_trajectory(space, names, points, newest_ns + ahead_ns)  # type: ignore[arg-type]
+            loop.core.requests.trajectory(space, names, points, newest_ns + ahead_ns)  # type: ignore[arg-type]
         assert expected in loop.core.message
     assert loop.core.counts.refused == 2
     assert loop.stands(POSE, 100)
-    loop.core.request_trajectory(space, names, points, newest_ns + most_ns)  # type: ignore[arg-type]
+    loop.core.requests.trajectory(space, names, points, newest_ns + most_ns)  # type: ignore[arg-type]
     loop.run()
     assert loop.core.moving
 
@@ -113,7 +113,7 @@ def test_a_trajectory_too_long_to_be_checked_soon_is_refused(count: int, last_s:
     points = [Waypoint(t, np.array([0.62]), EMPTY, EMPTY) for t in times.tolist()]
     expected = f"at most 5000 points over 600 s, found {count} over {last_s:g} s"
     with pytest.raises(ControlError, match=f"trajectory refused: .*{expected}"):
-        loop.core.request_trajectory("joint", ["lift"], points)
+        loop.core.requests.trajectory("joint", ["lift"], points)
     assert loop.stands(POSE, 10)
 
 
@@ -124,7 +124,7 @@ def test_a_machine_that_begins_anew_carries_no_motion_on(played: str, away_ns: i
     loop = Loop()
     start_ns = loop.stamp_ns + SECOND_NS // 2
     loop.run()
-    loop.core.request_trajectory("joint", ["lift"], THERE, start_ns)
+    loop.core.requests.trajectory("joint", ["lift"], THERE, start_ns)
     if played != "is asked for":
         assert np.any(loop.reference(200 if played == "waits" else 600)[1]) == (played == "runs")
     loop.restart_machine(loop.stamp_ns + away_ns)
@@ -132,7 +132,7 @@ def test_a_machine_that_begins_anew_carries_no_motion_on(played: str, away_ns: i
     assert loop.stands(SUNK, 1500)
     assert not loop.core.moving
     assert "the motion was dropped, as no usable sample came for" in loop.core.message
-    loop.core.request_trajectory("joint", ["lift"], THERE)
+    loop.core.requests.trajectory("joint", ["lift"], THERE)
     assert np.any(loop.reference(100)[1])
     assert loop.core.message == ""
 
@@ -141,7 +141,7 @@ def test_a_hold_is_held_where_the_robot_is_after_a_gap() -> None:
     loop = Loop()
     loop.run(10)
     with pytest.raises(ControlError, match="trajectory refused"):
-        loop.core.request_trajectory("joint", ["boom"], THERE)
+        loop.core.requests.trajectory("joint", ["boom"], THERE)
     said = loop.core.message
     loop.counter += 1000
     loop.q = SUNK
@@ -187,7 +187,7 @@ def test_no_path_takes_the_place_of_a_trajectory_that_waited() -> None:
     loop = Loop(far)
     loop.run()
     assert "path refused" in loop.core.message
-    loop.core.request_trajectory("joint", ["lift"], THERE, loop.stamp_ns + SECOND_NS)
+    loop.core.requests.trajectory("joint", ["lift"], THERE, loop.stamp_ns + SECOND_NS)
     loop.run(10)
     loop.counter += 1000
     loop.q = np.array([0.9, -1.5])  # near enough to the path's start by now
@@ -206,7 +206,7 @@ def test_stamps_that_went_back_are_answered_no_more_until_activated_anew(back_ns
     assert f"went back by {back_ns / SECOND_NS:.3f} s" in told
     assert "activate the controller anew" in told
     with pytest.raises(ControlError, match="the controller stopped: stamps went back"):
-        loop.core.request_trajectory("joint", ["lift"], THERE)
+        loop.core.requests.trajectory("joint", ["lift"], THERE)
     loop.begin(went_on_ns)
     assert loop.run(100) is None
     assert loop.core.silent == told

@@ -134,20 +134,20 @@ def test_requests_play_stop_and_are_refused() -> None:
     core = ControllerCore(ROBOT, Gains())
     there = [Waypoint(1.0, np.array([0.7]), EMPTY, EMPTY)]
     with pytest.raises(ControlError, match="no sample has come yet"):
-        core.request_trajectory("joint", ["lift"], there)
+        core.requests.trajectory("joint", ["lift"], there)
     answered(core, 0)
     with pytest.raises(ControlError, match=r"trajectory refused: .* should name lift, tilt"):
-        core.request_trajectory("joint", ["boom"], there)
+        core.requests.trajectory("joint", ["boom"], there)
     assert "trajectory refused" in core.message
-    core.request_trajectory("joint", ["lift"], there)
+    core.requests.trajectory("joint", ["lift"], there)
     assert core.message == ""
     before, _ = core.moving, answered(core, 1)
     assert (before, core.moving) == (False, True)
     moving = answered_up_to(core, 2, 251).reference
     assert moving.velocity[0] == pytest.approx(0.1875, rel=1e-3)
     with pytest.raises(ControlError, match="a motion is being played"):
-        core.request_trajectory("joint", ["lift"], there)
-    core.request_trajectory("joint", [], [])
+        core.requests.trajectory("joint", ["lift"], there)
+    core.requests.trajectory("joint", [], [])
     still = answered_up_to(core, 252, 600).reference
     assert still.velocity[0] == 0.0
     assert 0.65 < still.position[0] < 0.7
@@ -158,8 +158,8 @@ def test_a_start_time_is_kept_and_a_past_one_refused() -> None:
     answered(core, 0)
     there = [Waypoint(1.0, np.array([0.7]), EMPTY, EMPTY)]
     with pytest.raises(ControlError, match=r"now or later, found 0\.200 s ago"):
-        core.request_trajectory("joint", ["lift"], there, sample(-100).stamp_ns)
-    core.request_trajectory("joint", ["lift"], there, sample(100).stamp_ns)
+        core.requests.trajectory("joint", ["lift"], there, sample(-100).stamp_ns)
+    core.requests.trajectory("joint", ["lift"], there, sample(100).stamp_ns)
     np.testing.assert_array_equal(answered(core, 1).reference.position, POSE)
     np.testing.assert_array_equal(answered_up_to(core, 2, 100).reference.position, POSE)
     motion = Quintic.at_rest([0.6], [0.7], 1.0)
@@ -281,10 +281,10 @@ def test_what_a_listed_load_makes_too_heavy_is_refused() -> None:
         core = ControllerCore(robot, Gains())
         answered(core, 0)
         if accepted:
-            core.request_trajectory("joint", ["tilt"], there)
+            core.requests.trajectory("joint", ["tilt"], there)
             continue
         with pytest.raises(ControlError, match="'lift_cylinder' would have to hold"):
-            core.request_trajectory("joint", ["tilt"], there)
+            core.requests.trajectory("joint", ["tilt"], there)
 
 
 @pytest.mark.parametrize(("apart_ns", "said"), [(1_000_000, "1 ms"), (3_000_000, "3 ms")])
@@ -302,7 +302,7 @@ def test_samples_at_another_rate_than_the_robot_files_are_at_0_v(apart_ns: int, 
     assert answer.output.fault.startswith(f"samples are {said} apart, expected 2 ms (rate_hz")
     assert not answer.output.voltage_v.any()
     with pytest.raises(ControlError, match="the controller stopped: samples are"):
-        core.request_trajectory("joint", ["lift"], [Waypoint(1.0, np.array([0.7]), EMPTY, EMPTY)])
+        core.requests.trajectory("joint", ["lift"], [Waypoint(1.0, np.array([0.7]), EMPTY, EMPTY)])
     core.restart()
     assert not answered(core, 1000).output.fault
 

@@ -75,7 +75,7 @@ def test_finite_numbers_beyond_all_machines_are_refused_as_others(
         [Waypoint(1.0, still, np.array(end), EMPTY), Waypoint(2.0, still, EMPTY, EMPTY)],
     ):
         with pytest.raises(ControlError, match=r"refused: point 0 of .* expected at most 1e\+06"):
-            core.request_trajectory(space, names, point)  # type: ignore[arg-type]
+            core.requests.trajectory(space, names, point)  # type: ignore[arg-type]
     np.testing.assert_array_equal(answered(core, 1).reference.position, POSE)
 
 
@@ -102,7 +102,7 @@ def test_what_cannot_be_computed_is_refused_and_the_arm_is_held_on(
 
     monkeypatch.setattr("hydro_control.motion.reference.segments_through", plan)
     with pytest.raises(ControlError, match=r"refused: it cannot be computed: '?SVD did not"):
-        core.request_trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
+        core.requests.trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
     assert core.counts.refused == 1
     np.testing.assert_array_equal(answered(core, 1).reference.position, POSE)
 
@@ -128,9 +128,9 @@ def test_a_trajectory_is_not_played_from_where_the_reference_no_longer_stands(
     answered(core, 0)
     while_checked(monkeypatch, lambda: answered(core, 100, sunk))
     with pytest.raises(ControlError, match="refused: the reference was set anew while it was"):
-        core.request_trajectory("joint", ["lift"], THERE)
+        core.requests.trajectory("joint", ["lift"], THERE)
     np.testing.assert_array_equal(answered_up_to(core, 101, 109, sunk).reference.position, sunk)
-    core.request_trajectory("joint", ["lift"], THERE)
+    core.requests.trajectory("joint", ["lift"], THERE)
     np.testing.assert_allclose(answered(core, 110, sunk).reference.position, sunk, atol=1e-3)
     assert core.moving
 
@@ -143,12 +143,12 @@ def test_a_trajectory_is_not_played_from_where_another_began(
     quick = [Waypoint(0.1, np.array([0.601]), EMPTY, EMPTY)]
 
     def another() -> None:
-        core.request_trajectory("joint", ["lift"], quick)
+        core.requests.trajectory("joint", ["lift"], quick)
         answered_up_to(core, 1, 60)
 
     while_checked(monkeypatch, another)
     with pytest.raises(ControlError, match="set anew while it was checked: ask again"):
-        core.request_trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
+        core.requests.trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
     np.testing.assert_allclose(answered(core, 61).reference.position, [0.601, -1.5])
 
 
@@ -161,46 +161,46 @@ def test_what_is_stopped_while_it_is_checked_is_not_played(
     answered(core, 0)
 
     def stop() -> None:
-        core.request_trajectory("joint", [], [])
+        core.requests.trajectory("joint", [], [])
         if answered_before:
             answered(core, 1)
 
     while_checked(monkeypatch, stop)
     with pytest.raises(ControlError, match="refused: a stop was asked for while it was checked"):
-        core.request_trajectory("joint", ["lift"], THERE)
+        core.requests.trajectory("joint", ["lift"], THERE)
     np.testing.assert_array_equal(answered_up_to(core, 2, 50).reference.position, POSE)
-    core.request_trajectory("joint", ["lift"], THERE)
+    core.requests.trajectory("joint", ["lift"], THERE)
     answered(core, 51)
     assert core.moving
 
 
 def test_what_waits_for_its_check_is_of_when_it_was_asked_for() -> None:
     core = ControllerCore(ROBOT, Gains())
-    assert core.standing is None
+    assert core.requests.standing is None
     answered(core, 0)
-    before = core.standing
-    core.request_stop()
+    before = core.requests.standing
+    core.requests.stop()
     answered(core, 1)
     with pytest.raises(ControlError, match="a stop was asked for while it was checked"):
-        core.request_trajectory("joint", ["lift"], THERE, standing=before)
-    after = core.standing
+        core.requests.trajectory("joint", ["lift"], THERE, standing=before)
+    after = core.requests.standing
     core.restart()
     answered(core, 0)
     with pytest.raises(ControlError, match="the controller began anew while it was checked"):
-        core.request_trajectory("joint", ["lift"], THERE, standing=after)
+        core.requests.trajectory("joint", ["lift"], THERE, standing=after)
     assert not answered(core, 1).reference.velocity.any()
 
 
 def test_what_was_accepted_is_played_and_not_replaced_before_it_begins() -> None:
     core = ControllerCore(ROBOT, Gains())
     answered(core, 0)
-    core.request_trajectory("joint", ["lift"], THERE)
+    core.requests.trajectory("joint", ["lift"], THERE)
     with pytest.raises(ControlError, match="refused: another motion was accepted and begins"):
-        core.request_trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
+        core.requests.trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
     assert answered_up_to(core, 1, 600).reference.position[0] == pytest.approx(0.7)
-    core.request_trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
-    core.request_stop()
-    core.request_trajectory("joint", ["lift"], [Waypoint(1.0, np.array([0.65]), EMPTY, EMPTY)])
+    core.requests.trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
+    core.requests.stop()
+    core.requests.trajectory("joint", ["lift"], [Waypoint(1.0, np.array([0.65]), EMPTY, EMPTY)])
     assert answered_up_to(core, 601, 1200).reference.position[0] == pytest.approx(0.65)
 
 
@@ -312,9 +312,9 @@ def test_a_path_that_is_checked_beside_is_held_for_and_then_played_or_refused(
     np.testing.assert_array_equal(beside.run(100), beside.q)
     assert beside.core.path_waits
     with pytest.raises(ControlError, match="own path is being checked"):
-        beside.core.request_trajectory("joint", ["tilt"], [Waypoint(1.0, LOW[1:], EMPTY, EMPTY)])
-    beside.core.message = ""
-    beside.core.check_waiting_path()
+        beside.core.requests.trajectory("joint", ["tilt"], [Waypoint(1.0, LOW[1:], EMPTY, EMPTY)])
+    beside.core.requests.message = ""
+    beside.core.requests.check_waiting_path()
     beside.run()
     assert not beside.core.path_waits
     assert beside.core.moving == plays
@@ -335,7 +335,7 @@ def test_a_path_whose_check_fails_for_whatever_reason_is_refused_once(
         raise error
 
     monkeypatch.setattr(ReferencePlayer, "plan_path", fails)
-    beside.core.check_waiting_path()
+    beside.core.requests.check_waiting_path()
     assert not beside.core.path_waits
     assert beside.core.message == f"path refused, holding: {str(error) or 'MemoryError'}"
     np.testing.assert_array_equal(beside.run(10), beside.q)
@@ -345,9 +345,9 @@ def test_a_path_that_waits_is_stopped_and_outlives_a_gap() -> None:
     beside = Beside(np.array([0.6, -2.2]))
     beside.run(50, lost=1000)
     assert beside.core.path_waits  # nothing of it was driven: it may start anew
-    beside.core.request_trajectory("joint", [], [])
+    beside.core.requests.trajectory("joint", [], [])
     beside.run()
-    beside.core.check_waiting_path()
+    beside.core.requests.check_waiting_path()
     beside.run(100)
     assert not beside.core.moving
     assert not beside.core.path_waits
@@ -366,10 +366,10 @@ def test_a_path_checked_before_a_gap_is_checked_again(monkeypatch: pytest.Monkey
         return found
 
     monkeypatch.setattr(ReferencePlayer, "plan_path", planned)
-    beside.core.check_waiting_path()
+    beside.core.requests.check_waiting_path()
     np.testing.assert_array_equal(beside.run(100), LOW)
     assert beside.core.path_waits
-    beside.core.check_waiting_path()
+    beside.core.requests.check_waiting_path()
     np.testing.assert_array_equal(beside.run(100), LOW)
     assert re.match(HELD, beside.core.message)
 
@@ -384,10 +384,10 @@ def test_a_start_is_kept_however_long_the_check_takes(
     while_checked(monkeypatch, lambda: answered_up_to(core, 1, cycles))
     if cycles > 100:
         with pytest.raises(ControlError, match=r"should have begun 0\.\d+ s ago, as it took so"):
-            core.request_trajectory("joint", ["lift"], THERE, sample(100).stamp_ns)
+            core.requests.trajectory("joint", ["lift"], THERE, sample(100).stamp_ns)
         assert not answered(core, cycles + 1).reference.velocity.any()
         return
-    core.request_trajectory("joint", ["lift"], THERE, sample(100).stamp_ns)
+    core.requests.trajectory("joint", ["lift"], THERE, sample(100).stamp_ns)
     for k in range(cycles + 1, 300):
         expected = motion.sample(max(0.0, (k - 100) * 0.002))[0][0]
         assert answered(core, k).reference.position[0] == pytest.approx(expected, abs=1e-12)

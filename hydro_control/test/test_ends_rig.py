@@ -78,7 +78,7 @@ class Loop:
 
     def go_to(self, goal: tuple[float, ...], seconds: float) -> None:
         point = Waypoint(seconds, np.array(goal), NONE, NONE)
-        self.core.request_trajectory("joint", ROBOT.joint_names, [point])
+        self.core.requests.trajectory("joint", ROBOT.joint_names, [point])
 
     def beyond(self) -> FloatArray:
         """How far every joint was beyond an end at most, rad."""

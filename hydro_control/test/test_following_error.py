@@ -167,7 +167,7 @@ class Stuck:
 
     def go(self, *to: float) -> None:
         point = Waypoint(2.0, np.array(to), EMPTY, EMPTY)
-        self.core.request_trajectory("joint", ROBOT.joint_names, [point])
+        self.core.requests.trajectory("joint", ROBOT.joint_names, [point])
 
 
 def test_a_motion_that_is_not_followed_is_dropped_and_the_arm_held_where_it_is() -> None:

@@ -73,7 +73,7 @@ class Driven:
 
     def go(self, to: Sequence[float], seconds: float) -> None:
         point = Waypoint(seconds, np.array(to), NONE, NONE)
-        self.core.request_trajectory("joint", ROBOT.joint_names, [point])
+        self.core.requests.trajectory("joint", ROBOT.joint_names, [point])
 
     def force_n(self, cylinder: int) -> float:
         c, plant = ROBOT.cylinders[cylinder], self.rig.plant
@@ -132,7 +132,7 @@ def test_a_tip_that_is_lowered_onto_the_ground_is_held_there() -> None:
     one = driven(truth=replace(TRUTH, extras=Extras(machine=ground)))
     one.run(0.2)
     down = Waypoint(4.0, tip - [0.0, 0.0, 0.6], NONE, NONE)
-    one.core.request_trajectory("tip", [ROBOT.tip_link], [down])
+    one.core.requests.trajectory("tip", [ROBOT.tip_link], [down])
     one.run(5.0)
     assert one.core.counts.not_followed == 1
     assert not any(one.faults)

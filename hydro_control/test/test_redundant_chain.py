@@ -106,7 +106,7 @@ class Leaking:
 
     def go_to(self, place: FloatArray, seconds: float) -> None:
         point = Waypoint(seconds, place, EMPTY, EMPTY)
-        self.core.request_trajectory("tip", [ROBOT.tip_link], [point])
+        self.core.requests.trajectory("tip", [ROBOT.tip_link], [point])
 
 
 def test_it_is_redundant_and_the_crane_is_not() -> None:
@@ -124,7 +124,7 @@ def test_after_a_motion_of_the_tip_the_joints_do_not_creep_around_it(stopped: bo
     assert machine.core.last is not None
     assert machine.core.last.reference.space == "tip"
     if stopped:
-        machine.core.request_trajectory("tip", [], [])
+        machine.core.requests.trajectory("tip", [], [])
     end = machine.run(1.5).output.tip_d_m
     there = machine.q.copy()
     answer = machine.run(5.0)
@@ -155,10 +155,10 @@ def test_what_waits_with_its_joints_held_does_not_set_out_once_stopped() -> None
     machine.run(0.1)
     point = Waypoint(1.0, TIP + UP, EMPTY, EMPTY)
     start_ns = 10**18 + (machine.cycle + 2500) * STEP_NS
-    machine.core.request_trajectory("tip", [ROBOT.tip_link], [point], start_ns)
+    machine.core.requests.trajectory("tip", [ROBOT.tip_link], [point], start_ns)
     assert machine.run(4.0).reference.space == "joint"
     assert machine.core.moving
-    machine.core.request_stop()
+    machine.core.requests.stop()
     answer = machine.run(2.0)
     assert not machine.core.moving
     np.testing.assert_allclose(answer.output.tip_d_m, TIP, atol=1e-6)
@@ -191,7 +191,7 @@ def test_the_next_motion_of_the_tip_begins_where_the_last_one_ended() -> None:
     end = TIP + UP
     rows = [(0.0, end), (1.0, TIP)]
     points = [Waypoint(t, np.asarray(place), EMPTY, EMPTY) for t, place in rows]
-    machine.core.request_trajectory("tip", [ROBOT.tip_link], points)
+    machine.core.requests.trajectory("tip", [ROBOT.tip_link], points)
     before = machine.run(DT_S).reference
     assert before.space == "tip"
     np.testing.assert_allclose(before.position, end, atol=1e-8)

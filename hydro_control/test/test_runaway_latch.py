@@ -33,9 +33,9 @@ def test_the_fault_is_latched_until_the_controller_begins_anew() -> None:
     assert core.counts.faults == len(where) - 7
     point = Waypoint(4.0, MIDDLE + 0.1, np.empty(0), np.empty(0))
     with pytest.raises(ControlError, match="the controller stopped: joint 'lift'"):
-        core.request_trajectory("joint", ROBOT.joint_names, [point])
+        core.requests.trajectory("joint", ROBOT.joint_names, [point])
     core.restart()
     answer = core.answer(Sample(2 * 10**18, MIDDLE, pressure, pressure, 19e6, 1e6))
     assert answer is not None
     assert not answer.output.fault
-    core.request_trajectory("joint", ROBOT.joint_names, [point])
+    core.requests.trajectory("joint", ROBOT.joint_names, [point])

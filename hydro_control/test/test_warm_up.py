@@ -41,7 +41,7 @@ for k in range(6):
         assert compiled() == before, (before, compiled())
         there = tip_position(robot, q) + np.array([0.0, 0.0, 0.05])
         point = Waypoint(1.0, there, np.zeros(3), np.zeros(3))
-        core.request_trajectory("tip", [robot.tip_link], [point])
+        core.requests.trajectory("tip", [robot.tip_link], [point])
         before = compiled()  # what checks a trajectory is not what answers samples
 assert core.moving
 assert compiled() == before, (before, compiled())

@@ -6,16 +6,15 @@ to it again gives the same answers.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 
 from hydro_control.adaptation.adaptation_settings import AdaptationSettings
 from hydro_control.core.answer import Answer, Counts
+from hydro_control.core.motion_requests import MotionRequests, OwnPath
 from hydro_control.core.warm_up import warm_up
-from hydro_control.errors import NUMERICAL_ERRORS, ControlError
+from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 from hydro_control.law.law import ControlLaw
 from hydro_control.law.output import Output
@@ -23,21 +22,18 @@ from hydro_control.monitoring.applied import AppliedWatch
 from hydro_control.monitoring.following_error import FollowingLimits, FollowingWatch
 from hydro_control.monitoring.runaway import RunawayLimits, RunawayWatch
 from hydro_control.monitoring.stamps import StampWatch
-from hydro_control.motion.asking import ask_path, ask_trajectory
 from hydro_control.motion.motion_limits import TIP_SPEED_M_S
-from hydro_control.motion.path_limits import same_start, start_of_path
-from hydro_control.motion.reference_run import ReferenceRun, Standing
+from hydro_control.motion.reference_run import ReferenceRun
 from hydro_control.motion.required_motion import Reference
-from hydro_control.motion.trajectory import Waypoint
 from hydro_control.state.sample import Sample
 from hydro_control.state.sensor_correction import SensorCorrection
-from hydro_model.errors import RobotError, in_short
 from hydro_model.motion.paths import JointPath, TipPath
 from hydro_model.robot import FloatArray, Robot
 
 __all__ = ["Answer", "ControllerCore", "Counts", "Sample"]
 
 _SECOND_NS = 1_000_000_000
+_WITHHELD = "the valves do not get the commands: staying with the robot's pose"
 
 
 @dataclass
@@ -47,7 +43,7 @@ class ControllerCore:
     Listed effects of instruments are taken off every sample before anything looks at it: the
     reference, and what is published of it, are in true positions.
 
-    `counts` and `message` are what the core says of itself: they start empty.
+    `counts` is what the core says of itself: it starts empty. Motions are asked of `requests`.
 
     Parameters
     ----------
@@ -68,8 +64,9 @@ class ControllerCore:
         From when on an arm does not follow: its motion is dropped and it is held where it is, or,
         where it was only held, at 0 V until `restart`; by default the shipped limits.
     checks_beside : bool
-        Hold until somebody beside the samples' thread has called `check_waiting_path`; by default
-        the answer to the first sample takes as long as the check.
+        Hold until somebody beside the samples' thread has called
+        `requests.check_waiting_path`; by default the answer to the first sample takes as long as
+        the check.
 
     Raises
     ------
@@ -87,64 +84,25 @@ class ControllerCore:
     following: FollowingLimits = field(default_factory=FollowingLimits)
     checks_beside: bool = False
     counts: Counts = field(default_factory=Counts)
-    message: str = ""
 
     def __post_init__(self) -> None:
+        adaptation, tip_speed_m_s = self.adaptation, self.tip_speed_m_s
         self.law = ControlLaw(
-            self.robot,
-            self.gains,
-            adaptation=self.adaptation,
-            tip_speed_m_s=self.tip_speed_m_s,
+            self.robot, self.gains, adaptation=adaptation, tip_speed_m_s=tip_speed_m_s
         )
         self._stamps = StampWatch(self.law.dt_s)
         self._sensors = SensorCorrection(self.robot, self.law.plan.active)
-        self._run: ReferenceRun | None = None
         self._last: Answer | None = None
         self._adaptation_reset = False
         self._watch = AppliedWatch(np.array([v.rated_voltage_v for v in self.robot.valves]))
         self._runaway = RunawayWatch(self.robot, self.law.limits, self.runaway, self.law.dt_s)
         self._following = FollowingWatch(self.robot, self.following)
-        self._path_checked_from: FloatArray | None = None
+        own = None
         if self.path is not None:
-            limits = self.law.robot, self.path, self.tip_speed_m_s
-            self._path_checked_from = start_of_path(*limits)
+            own = OwnPath(self.law.robot, self.path, self.start_delay_s, self.tip_speed_m_s)
+        beside = self.checks_beside
+        self.requests = MotionRequests(own, self.counts, self._stopped, checks_beside=beside)
         warm_up(self.law)
-
-    def restart(self) -> None:
-        """Forget everything: the next sample is the first."""
-        self.law.reset()
-        if self.law.adaptation is not None:
-            self.law.adaptation.reset()
-        if self._run is not None:
-            self._run.over = True
-        self._run, self._last = None, None
-        self._adaptation_reset = False
-        self._watch.clear()
-        self._runaway.forget()
-        self._following.forget()
-        self._stamps.forget()
-        self.message = ""
-
-    @property
-    def base_frame(self) -> str:
-        """Name of the frame that tip positions are in."""
-        return self.robot.joints[0].parent_link
-
-    @property
-    def last(self) -> Answer | None:
-        """The newest answer."""
-        return self._last
-
-    @property
-    def silent(self) -> str:
-        """Why no sample is answered any more, until `restart`; empty where they are."""
-        return self._stamps.gone_back
-
-    @property
-    def moving(self) -> bool:
-        """A path or trajectory is being played."""
-        run = self._run
-        return run is not None and run.moving and not self.silent
 
     def answer(self, sample: Sample) -> Answer | None:
         """Answer a sample.
@@ -195,6 +153,32 @@ class ControllerCore:
         run = self._run
         return stamp_ns == last.stamp_ns or (run is not None and not run.is_later(stamp_ns))
 
+    def _reference(self, sample: Sample) -> Reference:
+        """The reference at a sample; one that is not finite starts nothing and is none seen."""
+        run, finite = self._run, sample.is_finite
+        if run is None:
+            if not finite:
+                still = np.zeros_like(sample.q)
+                return Reference("joint", sample.q, still, still)
+            # What a listed load or tilt asks of the cylinders counts for what they can hold.
+            run = ReferenceRun.begin(self.law.robot, sample, self.tip_speed_m_s)
+            self.requests.begin(run)
+        run.advance(sample.stamp_ns)
+        since_s = run.now_s
+        if finite:
+            since_s = run.see(sample.q)
+            self._guard(run)
+        if self._watch.withheld:
+            if run.follow(moved=self._watch.moved):
+                self.requests.message = _WITHHELD
+        elif run.following:
+            self.requests.message = ""
+            self.requests.resume(run, "the valves did not get the commands")
+        elif self._stamps.is_gap(run.now_s - since_s):
+            run.follow(moved=run.moved, since_s=since_s)
+            self.requests.resume(run, f"no usable sample came for {run.now_s - since_s:.3f} s")
+        return run.reference()
+
     def _guard(self, run: ReferenceRun) -> None:
         """Judge the measured motion; what runs away is at 0 V until `restart`."""
         watch = self._runaway
@@ -204,10 +188,11 @@ class ControllerCore:
             run.hold()
             run.anew = False
 
-    @property
-    def _fault(self) -> str:
-        """Why the valves are at 0 V until `restart`; empty where they are not."""
-        return self._following.fault or self._runaway.fault or self._stamps.other_rate
+    def _ahead(self) -> Reference | None:
+        """The reference at the instant that the law looks ahead to."""
+        if self._run is None or self.law.lead_s == 0.0:
+            return None
+        return self._run.ahead(self.law.lead_s)
 
     def _look_behind(self, q: FloatArray, output: Output) -> None:
         """An arm that does not follow is held where it is, from the next sample on."""
@@ -219,14 +204,16 @@ class ControllerCore:
             run.anew = False
             if not watch.fault:
                 self.counts.not_followed += 1
-                lost = f"the motion was dropped, as {why}"
-                self.message = f"holding: {lost}: it runs against something, or lacks the force"
+                blocked = "it runs against something, or lacks the force"
+                self.requests.dropped(f"{why}: {blocked}")
 
-    def _ahead(self) -> Reference | None:
-        """The reference at the instant that the law looks ahead to."""
-        if self._run is None or self.law.lead_s == 0.0:
-            return None
-        return self._run.ahead(self.law.lead_s)
+    def _count(self, stamp_ns: int, output: Output) -> None:
+        if self._last is not None:
+            apart_s = (stamp_ns - self._last.stamp_ns) / _SECOND_NS
+            self._stamps.follows(apart_s)
+            self.counts.missed += max(0, round(apart_s / self.law.dt_s) - 1)
+        self.counts.answered += 1
+        self.counts.faults += bool(output.fault)
 
     def applied(self, stamp_ns: int, voltage_v: FloatArray) -> None:
         """What the valves got at a stamp; changes nothing as long as that was the command.
@@ -243,107 +230,22 @@ class ControllerCore:
         self._watch.applied(stamp_ns, voltage_v)
         self.counts.withheld = self._watch.count
 
-    def _reference(self, sample: Sample) -> Reference:
-        """The reference at a sample; one that is not finite starts nothing and is none seen."""
-        run, finite = self._run, sample.is_finite
-        if run is None:
-            if not finite:
-                still = np.zeros_like(sample.q)
-                return Reference("joint", sample.q, still, still)
-            run = self._run = self._first(sample)
-        run.advance(sample.stamp_ns)
-        since_s = run.now_s
-        if finite:
-            since_s = run.see(sample.q)
-            self._guard(run)
-        if self._watch.withheld:
-            if run.follow(moved=self._watch.moved):
-                self.message = "the valves do not get the commands: staying with the robot's pose"
-        elif run.following:
-            self.message = ""
-            self._resume(run, "the valves did not get the commands")
-        elif self._stamps.is_gap(run.now_s - since_s):
-            run.follow(moved=run.moved, since_s=since_s)
-            self._resume(run, f"no usable sample came for {run.now_s - since_s:.3f} s")
-        return run.reference()
-
-    def _first(self, sample: Sample) -> ReferenceRun:
-        """Capture the pose, and start the path from it."""
-        # What a listed load or tilt asks of the cylinders counts for what they can hold.
-        run = ReferenceRun.begin(self.law.robot, sample, self.tip_speed_m_s)
-        self._play_path(run)
-        return run
-
-    def _play_path(self, run: ReferenceRun) -> None:
-        if self.path is None:
-            return
-        checked = same_start(self.law.robot, self.path, self._path_checked_from, run.q)
-        if self.checks_beside and not checked:
-            run.path_waits, self.message = True, ""
-            return
-        try:
-            run.play_path(self.path, self.start_delay_s, checked=checked)
-            self.message = ""
-        except (ControlError, *NUMERICAL_ERRORS) as error:
-            self._refuse_path(error)
-
-    def _refuse_path(self, error: Exception) -> None:
-        self.counts.refused += 1
-        self.message = f"path refused, holding: {error}"
-
-    @property
-    def path_waits(self) -> bool:
-        """`check_waiting_path` has something to do."""
-        run = self._run
-        return run is not None and run.path_waits and run.pending is None and not self.silent
-
-    def check_waiting_path(self) -> None:
-        """Check the path from where the machine stands, and have it played if it can be.
-
-        To be called from another thread than that of the samples, which holds meanwhile.
-        """
-        run = self._run
-        if run is None or self.path is None:
-            return
-        try:
-            ask_path(run, self.path, self.start_delay_s)
-        except ControlError as error:
-            if run is self._run:
-                self._refuse_path(error)
-
-    def _resume(self, run: ReferenceRun, why: str) -> None:
-        """Commands have an effect again: hold here; who wants a motion asks for it anew."""
-        run.following = False
-        if run.anew and self.path is not None:
-            self._play_path(run)
-        elif run.dropped:
-            self.message = f"holding: the motion was dropped, as {why}"
-
-    def _count(self, stamp_ns: int, output: Output) -> None:
-        if self._last is not None:
-            apart_s = (stamp_ns - self._last.stamp_ns) / _SECOND_NS
-            self._stamps.follows(apart_s)
-            self.counts.missed += max(0, round(apart_s / self.law.dt_s) - 1)
-        self.counts.answered += 1
-        self.counts.faults += bool(output.fault)
-
     def wind_down(self) -> FloatArray:
         """The next voltage on the way to 0 V within the slew limit."""
         return self.law.wind_down()
 
-    @property
-    def standing(self) -> Standing | None:
-        """Where the reference stands now; None before the first sample."""
-        return None if self._run is None else self._run.standing
-
-    def request_stop(self) -> None:
-        """Come to rest at the next sample, and end what is being checked.
-
-        May be called from another thread.
-        """
-        run = self._run
-        if run is not None:
-            run.ask_stop()
+    def restart(self) -> None:
+        """Forget everything: the next sample is the first."""
+        self.law.reset()
+        if self.law.adaptation is not None:
+            self.law.adaptation.reset()
+        self.requests.forget()
+        self._last = None
+        self._adaptation_reset = False
+        self._watch.clear()
+        self._runaway.forget()
+        self._following.forget()
+        self._stamps.forget()
 
     def request_adaptation_reset(self) -> None:
         """Start the estimates anew at the next sample. May be called from another thread.
@@ -359,64 +261,47 @@ class ControllerCore:
             raise ControlError("adaptation is off, nothing to reset")
         self._adaptation_reset = True
 
-    def request_trajectory(
-        self,
-        space: Literal["tip", "joint"],
-        names: Sequence[str],
-        waypoints: Sequence[Waypoint],
-        start_ns: int = 0,
-        standing: Standing | None = None,
-    ) -> None:
-        """Play a trajectory from the next sample on. May be called from another thread.
+    @property
+    def base_frame(self) -> str:
+        """Name of the frame that tip positions are in."""
+        return self.robot.joints[0].parent_link
 
-        Parameters
-        ----------
-        space : {"tip", "joint"}
-        names : sequence of str
-        waypoints : sequence of Waypoint
-            Empty: come to rest.
-        start_ns : int
-            Stamp to start at, up to `asking.MOST_AHEAD_S` ahead; 0 for now.
-        standing : Standing, optional
-            `standing` when it was asked for; by default now. What was stopped, or set the
-            reference anew, between then and the end of its check is not followed by it.
+    @property
+    def last(self) -> Answer | None:
+        """The newest answer."""
+        return self._last
 
-        Raises
-        ------
-        ControlError
-            It is refused: why.
-        """
+    @property
+    def silent(self) -> str:
+        """Why no sample is answered any more, until `restart`; empty where they are."""
+        return self._stamps.gone_back
+
+    @property
+    def message(self) -> str:
+        """Why what was asked for last is not played; empty where it is."""
+        return self.requests.message
+
+    @property
+    def path_waits(self) -> bool:
+        """The path is to be checked from here: `requests.check_waiting_path`."""
+        return self.requests.path_waits and not self.silent
+
+    @property
+    def moving(self) -> bool:
+        """A path or trajectory is being played."""
         run = self._run
-        if run is None:
-            raise self.refusal("no sample has come yet")
-        if not waypoints:
-            run.ask_stop()
-            return
-        standing = run.standing if standing is None else standing
-        if stopped := self.silent or self._fault:
-            raise self.refusal(f"the controller stopped: {stopped}")
-        try:
-            ask_trajectory(standing, space, names, waypoints, start_ns)
-        except (ControlError, RobotError) as error:
-            raise self.refusal(str(error)) from error
-        # Whatever was overlooked above, memory included: the arm is held on, only this request is
-        # not played.
-        except Exception as error:
-            raise self.refusal(f"it cannot be computed: {in_short(error)}") from error
-        self.message = ""
+        return run is not None and run.moving and not self.silent
 
-    def refusal(self, why: str) -> ControlError:
-        """Count a trajectory that is not played, and say so until the next one is.
+    @property
+    def _run(self) -> ReferenceRun | None:
+        """The reference; None before the first sample."""
+        return self.requests.run
 
-        Parameters
-        ----------
-        why : str
+    @property
+    def _fault(self) -> str:
+        """Why the valves are at 0 V until `restart`; empty where they are not."""
+        return self._following.fault or self._runaway.fault or self._stamps.other_rate
 
-        Returns
-        -------
-        ControlError
-            To be raised by whoever was asked for it.
-        """
-        self.counts.refused += 1
-        self.message = f"trajectory refused: {why}"
-        return ControlError(self.message)
+    def _stopped(self) -> str:
+        """Why nothing is driven until `restart`; empty where it is."""
+        return self.silent or self._fault

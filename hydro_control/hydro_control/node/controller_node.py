@@ -130,7 +130,7 @@ class ControllerNode(LifecycleNode):
     def stop_driving(self) -> None:
         """End at 0 V, and with it what is being checked."""
         self._active = False
-        self._core.request_stop()
+        self._core.requests.stop()
         if self._hot is not None:
             self._hot.stop()
             self._real_time.leave()
@@ -169,7 +169,7 @@ class ControllerNode(LifecycleNode):
         """In a thread of its own: a long path takes seconds, and stops are heard meanwhile."""
         busy = self._path_check is not None and self._path_check.is_alive()
         if self._active and self._core.path_waits and not busy:
-            check = self._core.check_waiting_path
+            check = self._core.requests.check_waiting_path
             self._path_check = threading.Thread(target=check, name="path_check", daemon=True)
             self._path_check.start()
 

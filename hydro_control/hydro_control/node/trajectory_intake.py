@@ -52,16 +52,16 @@ class TrajectoryIntake:
         message : trajectory_msgs.msg.JointTrajectory or MultiDOFJointTrajectory
         """
         # Where the reference stands when it is asked for, not when its turn to be checked comes.
-        standing = self._core.standing
+        standing = self._core.requests.standing
         try:
             self._refuse_inactive()
             if not message.points:
-                self._core.request_trajectory(space, [], [])
+                self._core.requests.trajectory(space, [], [])
                 self._logger.info(f"{space} trajectory to stop accepted")
                 return
             ends = self._checked is not None and self._checked.overtaken
             if self.busy and not ends:
-                raise self._core.refusal(
+                raise self._core.requests.refusal(
                     "another trajectory is being checked: wait, or stop it with an empty"
                     " trajectory (send_path --stop)"
                 )
@@ -89,7 +89,7 @@ class TrajectoryIntake:
         try:
             points = self._points(space, message)
             names = list(message.joint_names)
-            self._core.request_trajectory(space, names, points, start_ns, standing)
+            self._core.requests.trajectory(space, names, points, start_ns, standing)
             self._refuse_inactive()
         except ControlError as error:
             self._logger.error(str(error))
@@ -104,7 +104,7 @@ class TrajectoryIntake:
         """The points of a message, counted first: a million take seconds and memory to read."""
         count, frame = len(message.points), message.header.frame_id
         if count > MOST_POINTS:
-            raise self._core.refusal(
+            raise self._core.requests.refusal(
                 f"expected at most {MOST_POINTS} points, found {count}: send it in parts, or give"
                 " it as the controller's path"
             )
@@ -114,7 +114,7 @@ class TrajectoryIntake:
             waypoint = _of_tip if space == "tip" else _of_joints
             return [waypoint(index, point) for index, point in enumerate(message.points)]
         except ControlError as error:
-            raise self._core.refusal(str(error)) from error
+            raise self._core.requests.refusal(str(error)) from error
 
 
 def _of_joints(_index: int, point: Any) -> Waypoint:

@@ -31,7 +31,7 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 def test_what_was_asked_for_before_driving_ended_is_overtaken(node: Any) -> None:
     chambers = np.full(2, 8e6)
     node._core.answer(Sample(10**18, np.array([0.6, -1.5]), chambers, chambers, 19e6, 1e6))
-    asked_from = node._core.standing
+    asked_from = node._core.requests.standing
     assert not asked_from.overtaken
     node.stop_driving()
     assert asked_from.overtaken
