@@ -233,20 +233,9 @@ def check_path(
     if not all(np.isfinite(values).all() for values in (q, qd, qdd)):
         # No comparison with what is no number holds.
         raise RobotError("expected a motion of finite numbers, found some beyond their range")
-    margins = np.broadcast_to(margin, robot.dof).tolist()
-    for i, (joint, kept) in enumerate(zip(robot.joints, margins, strict=True)):
-        name = f"joint '{joint.name}'"
-        _limit(times, q[:, i], joint.upper - kept, f"{name} goes to", "at most")
-        _limit(times, -q[:, i], -joint.lower - kept, f"{name} goes to", "at least")
-        speed = np.abs(qd[:, i])
-        _limit(times, speed, joint.velocity_limit, f"{name} reaches a speed of", "at most")
+    _refuse_beyond_joints(robot, times, q, qd, margin)
     x, xd, share = _pistons(robot, q, qd, qdd)
-    for i, cylinder in enumerate(robot.cylinders):
-        name = f"cylinder '{cylinder.name}'"
-        _limit(times, x[:, i], cylinder.stroke_m, f"{name} goes to", "at most")
-        _limit(times, -x[:, i], 0.0, f"{name} goes to", "at least")
-        what = f"{name} needs a share of its valve's flow of"
-        _limit(times, share[:, i], flow_limit, what, "at most")
+    _refuse_beyond_cylinders(robot, times, x, share, flow_limit)
     _refuse_unholdable(robot, times, q)
     return PathCheck(
         duration_s=path.duration_s,
@@ -293,6 +282,31 @@ def _limit(times: FloatArray, values: FloatArray, limit: float, what: str, bound
             f"{what} {sign * values[worst]:.4g} at {times[worst]:.2f} s,"
             f" expected {bound} {sign * limit:.4g}"
         )
+
+
+def _refuse_beyond_joints(
+    robot: Robot, times: FloatArray, q: FloatArray, qd: FloatArray, margin: float | FloatArray
+) -> None:
+    """Refuse joints nearer to an end than `margin`, or faster than they may be."""
+    margins = np.broadcast_to(margin, robot.dof).tolist()
+    for i, (joint, kept) in enumerate(zip(robot.joints, margins, strict=True)):
+        name = f"joint '{joint.name}'"
+        _limit(times, q[:, i], joint.upper - kept, f"{name} goes to", "at most")
+        _limit(times, -q[:, i], -joint.lower - kept, f"{name} goes to", "at least")
+        speed = np.abs(qd[:, i])
+        _limit(times, speed, joint.velocity_limit, f"{name} reaches a speed of", "at most")
+
+
+def _refuse_beyond_cylinders(
+    robot: Robot, times: FloatArray, x: FloatArray, share: FloatArray, flow_limit: float
+) -> None:
+    """Refuse strokes that a cylinder does not have, and flow that its valve does not pass."""
+    for i, cylinder in enumerate(robot.cylinders):
+        name = f"cylinder '{cylinder.name}'"
+        _limit(times, x[:, i], cylinder.stroke_m, f"{name} goes to", "at most")
+        _limit(times, -x[:, i], 0.0, f"{name} goes to", "at least")
+        what = f"{name} needs a share of its valve's flow of"
+        _limit(times, share[:, i], flow_limit, what, "at most")
 
 
 def _refuse_unholdable(robot: Robot, times: FloatArray, q: FloatArray) -> None:
