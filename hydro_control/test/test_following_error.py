@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
@@ -72,6 +72,24 @@ def test_who_comes_after_slowly_follows(joint: int, sign: float, share: float, t
     assert any(said) == told
     if told:
         assert f"nearer by {abs(speed) * TIME_S:.3f} rad" in next(filter(None, said))
+
+
+def test_who_is_behind_by_the_limit_itself_is_not_too_far() -> None:
+    most = SHARE * RANGE
+    said = judged(watch(), np.zeros((LASTS + 20, 2)), most)
+    assert said == [""] * (LASTS + 20)
+    assert any(judged(watch(), np.zeros((LASTS + 20, 2)), np.nextafter(most, np.inf)))
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_headway_of_just_enough_at_the_last_moment_is_some(sign: float) -> None:
+    """From then on it counts anew."""
+    least = HEADWAY_SHARE * TIME_S * SPEED[1]
+    stood = np.arange(2 * LASTS + 1)[:, None] < LASTS
+    rows = np.where(stood, 0.0, only(1, sign * least))
+    said = judged(watch(), rows, only(1, sign * 2.0 * SHARE * RANGE[1]))
+    assert said[:-1] == [""] * (2 * LASTS)
+    assert "nearer by 0.000 rad" in said[-1]
 
 
 def test_who_goes_away_makes_no_headway() -> None:
@@ -144,6 +162,13 @@ def test_what_is_only_held_and_goes_away_is_a_fault_until_it_is_forgotten() -> N
 def test_limits_that_are_none_are_refused(limits: dict[str, float], name: str) -> None:
     with pytest.raises(ControlError, match=f"{name} should be above 0"):
         FollowingLimits(**limits)
+
+
+def test_limits_are_fixed_and_a_whole_range_is_one() -> None:
+    limits = FollowingLimits(error_share=1.0)
+    with pytest.raises(FrozenInstanceError):
+        limits.time_s = 9.0  # type: ignore[misc]
+    assert not hasattr(limits, "__dict__")
 
 
 class Stuck:

@@ -299,6 +299,24 @@ def _runaway() -> Iterator[Harmless]:
     )  # fmt: skip
 
 
+def _following_error() -> Iterator[Harmless]:
+    judge = "self, stamp_s: float, q: FloatArray, q_d: FloatArray, epoch: int, *, held: bool"
+    yield Harmless(
+        "following_error", "FollowingWatch.judge", judge, judge.replace("*", "/"),
+        "the controller's core says what the word means",
+    )  # fmt: skip
+    joints = "for i, (far, most) in enumerate(zip(behind, self._most, strict=True)):"
+    yield Harmless(
+        "following_error", "FollowingWatch.judge", joints, joints.replace("True", "False"),
+        _LENGTHS.format("the law has refused positions that are not one of each joint"),
+    )  # fmt: skip
+    forwards = "since, forwards = self._since[i], far {} 0.0"
+    yield Harmless(
+        "following_error", "FollowingWatch._stuck", forwards.format(">"), forwards.format(">="),
+        "a joint that is further away than it may be is not at 0 from where it shall be",
+    )  # fmt: skip
+
+
 def _doubtful() -> Iterator[Harmless]:
     near = "bound not in (0.0, spec.typical) and abs(value - bound) {} _AT_BOUND * abs(bound)"
     yield Harmless(
@@ -369,6 +387,7 @@ HARMLESS: tuple[Harmless, ...] = (
     *_assembler(),
     *_sample_clock(),
     *_runaway(),
+    *_following_error(),
     *_doubtful(),
     *_claims(),
     *_applied(),

@@ -130,6 +130,11 @@ TARGETS: tuple[Target, ...] = (
         ("hydro_control/test/test_runaway.py", "hydro_control/test/test_runaway_edges.py"),
     ),
     Target(
+        "following_error",
+        "hydro_control.monitoring.following_error",
+        ("hydro_control/test/test_following_error.py",),
+    ),
+    Target(
         "doubtful", "hydro_control.compensation.doubtful", ("hydro_control/test/test_doubtful.py",)
     ),
     Target("stamps", "hydro_control.monitoring.stamps", ("hydro_control/test/test_stamps.py",)),
