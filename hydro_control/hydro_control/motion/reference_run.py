@@ -92,13 +92,14 @@ class ReferenceRun:
     dropped : bool
         Something was played, or was to be, when that began.
     of_path : bool
-        What was played last is the controller's own path, and no trajectory.
+        What was played last is the controller's own path, no trajectory, and was not stopped.
     path_waits : bool
         The controller's own path has to be checked from this pose first (`asking.ask_path`).
     moved : bool
         The reference has moved since the first sample.
     anew : bool
-        It was the path, and nothing of it had been driven yet: it may start anew.
+        It was the path, nothing of it had been driven yet, and no stop was asked for since: it
+        may start anew.
     over : bool
         The controller has begun anew since: nothing is asked of this one any more.
     """
@@ -230,7 +231,8 @@ class ReferenceRun:
         self.epoch += 1
         self.caught = self.epoch
         self.player.hold(self.q, self.now_s)
-        self.stop, self.pending, self.path_waits = False, None, False
+        # A stop stays to be taken up: it ends what would wait on, and set out anew later.
+        self.pending, self.path_waits = None, False
 
     def follow(self, *, moved: bool, since_s: float | None = None) -> bool:
         """Commands have no effect: stay with the robot, wherever it goes.
@@ -259,7 +261,7 @@ class ReferenceRun:
     def reference(self) -> Reference:
         """The reference at the newest sample, once what was asked for has been taken up."""
         if self.stop:
-            self.stop, self.path_waits = False, False
+            self.stop, self.path_waits, self.anew, self.of_path = False, False, False, False
             if self.moving:
                 self.player.stop(self.now_s)
         if self.pending is not None:
