@@ -222,15 +222,16 @@ class ReferenceRun:
         self.stops += 1
         self.stop = True
 
+    # The epoch comes last: who asks in between plans from what is going, and is overtaken by it.
     def _play(self, plan: Plan) -> None:
-        self.epoch += 1
         self.player.play(plan, self.now_s if plan.start_s is None else plan.start_s)
+        self.epoch += 1
 
     def hold(self) -> None:
         """Stand where the robot is; what was asked for is dropped."""
+        self.player.hold(self.q, self.now_s)
         self.epoch += 1
         self.caught = self.epoch
-        self.player.hold(self.q, self.now_s)
         # A stop stays to be taken up: it ends what would wait on, and set out anew later.
         self.pending, self.path_waits = None, False
 

@@ -1,0 +1,85 @@
+"""Requests of one thread while that of the samples is at work, interleaved by hand."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+from hydro_control.core.core import Answer, ControllerCore, Sample
+from hydro_control.errors import ControlError
+from hydro_control.gains import Gains
+from hydro_control.motion import reference
+from hydro_control.motion.reference import ReferencePlayer
+from hydro_control.motion.trajectory import Waypoint
+from hydro_model.robot import FloatArray
+from hydro_model.robot_files import load_robot
+
+ROBOT = load_robot("xs031")
+POSE = np.array([0.6, -1.5])
+EMPTY = np.array([])
+THERE = [Waypoint(1.0, np.array([0.7]), EMPTY, EMPTY)]
+PATIENCE_S = 60.0
+
+
+class Bench:
+    """A controller whose machine stands where it is put."""
+
+    def __init__(self) -> None:
+        self.core, self.cycle, self.q = ControllerCore(ROBOT, Gains()), -1, POSE
+        self.run()
+
+    def run(self, cycles: int = 1, *, lost: int = 0, applied: float = 1.0) -> Answer:
+        half = np.full(2, 8e6)
+        self.cycle += lost
+        for _ in range(cycles):
+            self.cycle += 1
+            stamp_ns = 10**18 + self.cycle * 2_000_000
+            answer = self.core.answer(Sample(stamp_ns, self.q, half, half, None, None))
+            assert answer is not None
+            self.core.applied(stamp_ns, applied * answer.output.voltage_v)
+        return answer
+
+    def ask(self) -> None:
+        self.core.requests.trajectory("joint", ["lift"], THERE)
+
+
+def test_nothing_is_planned_from_where_the_reference_stood_until_just_now(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Asked for while an arm that did not come to its place is set to be held where it is."""
+    bench, planned, dropped = Bench(), threading.Event(), threading.Event()
+    plan, hold = reference.segments_through, ReferencePlayer.hold
+    refused: list[str] = []
+
+    def planning(at: FloatArray, points: list[Waypoint]) -> object:
+        planned.set()
+        assert dropped.wait(PATIENCE_S)
+        return plan(at, points)
+
+    def ask() -> None:
+        try:
+            bench.ask()
+        except ControlError as error:
+            refused.append(str(error))
+
+    asking = threading.Thread(target=ask)
+
+    def holding(player: ReferencePlayer, q: FloatArray, stamp_s: float) -> None:
+        monkeypatch.setattr(reference, "segments_through", planning)
+        asking.start()
+        assert planned.wait(PATIENCE_S)
+        hold(player, q, stamp_s)
+
+    far = Waypoint(1.0, POSE[:1] + 0.1, EMPTY, EMPTY)
+    bench.core.requests.trajectory("joint", ["lift"], [far])
+    monkeypatch.setattr(ReferencePlayer, "hold", holding)
+    while not asking.ident and bench.cycle < 3000:
+        bench.run()
+    dropped.set()
+    asking.join(PATIENCE_S)
+    assert bench.core.counts.not_followed == 1
+    np.testing.assert_array_equal(bench.run().reference.position, POSE)
+    assert len(refused) == 1
+    assert "the reference was set anew while it was checked" in refused[0]
