@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 from hydro_control.motion import reference
 from hydro_control.motion.reference import ReferencePlayer
+from hydro_control.motion.reference_run import Standing
 from hydro_control.motion.trajectory import Waypoint
 from hydro_model.robot import FloatArray
 from hydro_model.robot_files import load_robot
@@ -43,6 +45,43 @@ class Bench:
 
     def ask(self) -> None:
         self.core.requests.trajectory("joint", ["lift"], THERE)
+
+
+def once_handed_over(
+    monkeypatch: pytest.MonkeyPatch, bench: Bench, happens: Callable[[], object]
+) -> None:
+    """What samples do between the handing over of a motion and the last look at its check."""
+    looked, left = Standing.overtaken.fget, [happens]  # type: ignore[attr-defined]
+
+    def look(standing: Standing) -> bool:
+        if standing.run.pending is not None and left:
+            left.pop()()
+        found: bool = looked(standing)
+        return found
+
+    monkeypatch.setattr(Standing, "overtaken", property(look))
+    bench.ask()
+    assert not left
+
+
+def test_what_is_played_at_once_is_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Refused, its sender takes the arm for one that stands."""
+    bench = Bench()
+    once_handed_over(monkeypatch, bench, bench.run)
+    assert bench.core.moving
+    assert (bench.core.counts.refused, bench.core.message) == (0, "")
+
+
+def test_what_is_stopped_before_it_is_played_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench()
+
+    def stopped() -> None:
+        bench.core.requests.stop()
+        bench.run()
+
+    with pytest.raises(ControlError, match="a stop was asked for while it was checked"):
+        once_handed_over(monkeypatch, bench, stopped)
+    assert not bench.core.moving
 
 
 def test_nothing_is_planned_from_where_the_reference_stood_until_just_now(

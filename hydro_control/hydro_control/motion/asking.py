@@ -97,9 +97,11 @@ def ask_trajectory(
             f"it should have begun {run.now_s - plan.start_s:.3f} s ago, as it took so long"
             " to check it: ask for it earlier"
         )
-    run.pending = Asked(plan, standing.epoch, standing.stops)
-    # Looked at after it was handed over: what comes later finds it, and drops it.
-    _refuse_overtaken(standing)
+    asked = run.pending = Asked(plan, standing.epoch, standing.stops)
+    # Looked at after it was handed over: what comes later finds it, and drops it. Or a sample has
+    # played it since, and may have stopped it again: that overtakes its check, and not it.
+    if standing.overtaken and run.played is not asked:
+        _refuse_overtaken(standing)
 
 
 def _refuse_overtaken(standing: Standing) -> None:

@@ -78,6 +78,8 @@ class ReferenceRun:
         Of that sample.
     pending : Asked or None
         To be played from the next sample on.
+    played : Asked or None
+        What was played last of what was asked for.
     epoch : int
         Of where the reference stands: another one each time that it is set anew. What was
         planned in one is played in no other.
@@ -110,6 +112,7 @@ class ReferenceRun:
     q: FloatArray
     seen_s: float = 0.0
     pending: Asked | None = None
+    played: Asked | None = None
     epoch: int = 0
     caught: int = 0
     stop: bool = False
@@ -268,6 +271,7 @@ class ReferenceRun:
         if self.pending is not None:
             asked, self.pending = self.pending, None
             if self.is_playable(asked) and not self.moving:
+                self.played = asked
                 self._play(asked.plan)
                 self.of_path, self.path_waits = asked.of_path, False
         self.player.settle(self.q, self.now_s)
