@@ -11,6 +11,7 @@ import pytest
 from hydro_control.core.core import Answer, ControllerCore, Sample
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
+from hydro_control.monitoring.applied import MOST_WITHHELD
 from hydro_control.motion import reference
 from hydro_control.motion.reference import ReferencePlayer
 from hydro_control.motion.reference_run import Standing
@@ -82,6 +83,13 @@ def test_what_is_stopped_before_it_is_played_is_refused(monkeypatch: pytest.Monk
     with pytest.raises(ControlError, match="a stop was asked for while it was checked"):
         once_handed_over(monkeypatch, bench, stopped)
     assert not bench.core.moving
+
+
+def test_what_is_dropped_at_once_is_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench()
+    once_handed_over(monkeypatch, bench, lambda: bench.run(MOST_WITHHELD + 50, applied=0.0))
+    assert not bench.core.moving
+    assert "the valves do not get the commands" in bench.core.message
 
 
 def test_nothing_is_planned_from_where_the_reference_stood_until_just_now(

@@ -225,6 +225,7 @@ class MotionRequests:
         standing = run.standing if standing is None else standing
         if stopped := self._stopped():
             raise self.refusal(f"the controller stopped: {stopped}")
+        said = self.message
         try:
             ask_trajectory(standing, space, names, waypoints, start_ns)
         except (ControlError, RobotError) as error:
@@ -233,7 +234,9 @@ class MotionRequests:
         # not played.
         except Exception as error:
             raise self.refusal(f"it cannot be computed: {in_short(error)}") from error
-        self.message = ""
+        # What was said since is of it: a sample may have dropped it already.
+        if self.message == said:
+            self.message = ""
 
     def refusal(self, why: str) -> ControlError:
         """Count a trajectory that is not played, and say so until the next one is.
