@@ -220,3 +220,19 @@ def test_of_two_behind_a_stop_the_second_waits_for_no_check_that_was_ended(
     go.set()
     intake.wait()
     assert intake.said[-1] == "tip trajectory with 1 points accepted"
+
+
+def test_what_is_asked_for_before_the_first_sample_does_not_wait_for_it(
+    held: tuple[Intake, threading.Event],
+) -> None:
+    """It would begin by itself, whatever was stopped or ended before that sample."""
+    intake, go = held
+    intake.core.restart()
+    intake.takes.take("tip", _tip(4))
+    intake.stop()
+    answered(intake.core, 0)
+    go.set()
+    intake.wait()
+    answered(intake.core, 1)
+    assert not intake.core.moving
+    assert intake.said[:2] == ["trajectory refused: no sample has come yet"] * 2

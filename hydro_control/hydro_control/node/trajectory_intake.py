@@ -59,6 +59,9 @@ class TrajectoryIntake:
                 self._core.requests.trajectory(space, [], [])
                 self._logger.info(f"{space} trajectory to stop accepted")
                 return
+            if standing is None:
+                # Not for the first sample: a stop, or an end of driving, may come before it.
+                raise self._core.requests.refusal("no sample has come yet")
             ends = self._checked is not None and self._checked.overtaken
             if self.busy and not ends:
                 raise self._core.requests.refusal(
@@ -79,7 +82,7 @@ class TrajectoryIntake:
         self,
         space: Space,
         message: Any,
-        standing: Standing | None,
+        standing: Standing,
         before: threading.Thread | None,
     ) -> None:
         if before is not None:
