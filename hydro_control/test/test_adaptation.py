@@ -275,6 +275,29 @@ def test_same_samples_same_answers_and_activation_starts_anew() -> None:
     assert core.law.adaptation.used[0] > 0.0
 
 
+def test_a_reset_asked_for_during_one_is_made_with_the_next_sample(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its answer has said that the estimates start anew."""
+    core = ControllerCore(ROBOT, Gains(), adaptation=ALL)
+    voltages(core, 10)
+    adaptation = core.law.adaptation
+    assert adaptation is not None
+    reset, resets = adaptation.reset, list[bool]()
+
+    def resetting(*, used: bool = True) -> None:
+        if not resets:
+            core.request_adaptation_reset()
+        resets.append(used)
+        reset(used=used)
+
+    monkeypatch.setattr(adaptation, "reset", resetting)
+    core.request_adaptation_reset()
+    for k in range(10, 13):
+        core.answer(core_sample(k))
+    assert resets == [False, False]
+
+
 def test_the_law_adds_the_load_and_takes_off_the_bias() -> None:
     """Each value by itself, set by hand, against what it must do to the answer."""
     reference = Reference("joint", POSE, np.array([0.1, -0.1]), np.zeros(2))

@@ -127,8 +127,8 @@ class ControllerCore:
             self.counts.repeated += 1
             return last
         if self._adaptation_reset and self.law.adaptation is not None:
+            self._adaptation_reset = False  # before: another may be asked for meanwhile
             self.law.adaptation.reset(used=False)
-        self._adaptation_reset = False
         if not self._watch.settled and self.law.adaptation is not None:
             self.law.adaptation.forget()  # nothing is learnt from commands without effect
         sample = self._sensors.corrected(sample)
