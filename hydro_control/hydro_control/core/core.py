@@ -86,10 +86,7 @@ class ControllerCore:
     counts: Counts = field(default_factory=Counts)
 
     def __post_init__(self) -> None:
-        adaptation, tip_speed_m_s = self.adaptation, self.tip_speed_m_s
-        self.law = ControlLaw(
-            self.robot, self.gains, adaptation=adaptation, tip_speed_m_s=tip_speed_m_s
-        )
+        self.law = ControlLaw(self.robot, self.gains, None, self.adaptation, self.tip_speed_m_s)
         self._stamps = StampWatch(self.law.dt_s)
         self._sensors = SensorCorrection(self.robot, self.law.plan.active)
         self._last: Answer | None = None
@@ -100,8 +97,9 @@ class ControllerCore:
         own = None
         if self.path is not None:
             own = OwnPath(self.law.robot, self.path, self.start_delay_s, self.tip_speed_m_s)
-        beside = self.checks_beside
-        self.requests = MotionRequests(own, self.counts, self._stopped, checks_beside=beside)
+        self.requests = MotionRequests(
+            own, self.counts, lambda: self.silent or self._fault, checks_beside=self.checks_beside
+        )
         warm_up(self.law)
 
     def answer(self, sample: Sample) -> Answer | None:
@@ -204,8 +202,7 @@ class ControllerCore:
             run.anew = False
             if not watch.fault:
                 self.counts.not_followed += 1
-                blocked = "it runs against something, or lacks the force"
-                self.requests.dropped(f"{why}: {blocked}")
+                self.requests.dropped(f"{why}: it runs against something, or lacks the force")
 
     def _count(self, stamp_ns: int, output: Output) -> None:
         if self._last is not None:
@@ -301,7 +298,3 @@ class ControllerCore:
     def _fault(self) -> str:
         """Why the valves are at 0 V until `restart`; empty where they are not."""
         return self._following.fault or self._runaway.fault or self._stamps.other_rate
-
-    def _stopped(self) -> str:
-        """Why nothing is driven until `restart`; empty where it is."""
-        return self.silent or self._fault
