@@ -14,11 +14,13 @@ import pytest
 from hydro_control.core.core import ControllerCore, Sample
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
+from hydro_control.motion import motion_limits
 from hydro_control.motion.trajectory import Waypoint
 from hydro_control.node.trajectory_intake import TrajectoryIntake
 from hydro_model.motion import paths_check
 from hydro_model.motion.paths import JointPath
 from hydro_model.motion.paths_segments import Quintic
+from hydro_model.motion.row_pieces import ROWS
 from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot_files import load_robot
 
@@ -236,3 +238,28 @@ def test_what_is_asked_for_before_the_first_sample_does_not_wait_for_it(
     answered(intake.core, 1)
     assert not intake.core.moving
     assert intake.said[:2] == ["trajectory refused: no sample has come yet"] * 2
+
+
+def test_no_compiled_function_keeps_the_samples_waiting_for_long(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of ten minutes, each would take more than the 10 ms that a command is good for."""
+    core, rows = ControllerCore(ROBOT, Gains()), list[int]()
+    answered(core, 0)
+
+    def counted(of_rows: Callable[..., Any]) -> Callable[..., Any]:
+        def count(robot: Any, q: Any, *others: Any) -> Any:
+            rows.append(len(q))
+            return of_rows(robot, q, *others)
+
+        return count
+
+    for module, name in (
+        (paths_check, "inverse_dynamics"),
+        (motion_limits, "tip_jacobian"),
+    ):
+        monkeypatch.setattr(module, name, counted(getattr(module, name)))
+    point = Waypoint(600.0, POSE + 0.1, EMPTY, EMPTY)
+    core.requests.trajectory("joint", ROBOT.joint_names, [point])
+    assert max(rows) <= ROWS
+    assert sum(rows) > 2 * 30_000 + 60_000

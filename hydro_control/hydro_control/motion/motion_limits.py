@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -19,6 +20,7 @@ from hydro_control.motion.required_motion import JointMotion
 from hydro_model.hydraulics.cylinder import inside_stroke
 from hydro_model.motion.paths import JointPath, TipPath
 from hydro_model.motion.paths_check import always, check_times, joint_motion
+from hydro_model.motion.row_pieces import in_pieces
 from hydro_model.multibody.kinematics import tip_jacobian, tip_state
 from hydro_model.robot import FloatArray, Robot
 
@@ -198,7 +200,8 @@ def refuse_fast(
         velocities = path.sample_many(times)[1]
     else:
         q, qd, _ = joint_motion(robot, path, times, near, go_on)
-        velocities = np.einsum("tij,tj->ti", tip_jacobian(robot, q), qd)
+        jacobian = in_pieces(partial(tip_jacobian, robot), q, go_on=go_on)
+        velocities = np.einsum("tij,tj->ti", jacobian, qd)
     speeds = np.linalg.norm(velocities, axis=1)
     worst = int(np.argmax(speeds))
     if not speeds[worst] <= tip_speed_m_s:

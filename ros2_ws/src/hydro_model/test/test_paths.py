@@ -15,9 +15,10 @@ from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.motion.paths import JointPath, TipPath, load_path, shipped_paths
 from hydro_model.motion.paths_check import check_path, joint_motion, joints_at_tip
 from hydro_model.motion.paths_segments import Quintic, smooth_step
+from hydro_model.motion.row_pieces import ROWS, in_pieces
 from hydro_model.multibody.kinematics import tip_position
-from hydro_model.multibody.rigid_body import potential_energy
-from hydro_model.robot import Robot
+from hydro_model.multibody.rigid_body import inverse_dynamics, potential_energy
+from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
 
 ROBOT = load_robot("xs031")
@@ -286,3 +287,19 @@ def test_bad_files_are_one_line(tmp_path: FilePath, case: str) -> None:
 def test_a_missing_file_names_the_shipped_ones() -> None:
     with pytest.raises(RobotError, match=r"no path file 'nowhere'.*xs031/parallelogram"):
         load_path("nowhere")
+
+
+@pytest.mark.parametrize("count", [1, ROWS, ROWS + 1, 3 * ROWS + 7])
+def test_rows_in_pieces_are_the_rows_of_one_call(count: int) -> None:
+    rng, turns = np.random.default_rng(count), list[int]()
+    q, qd, qdd = rng.uniform(-1.0, 1.0, (3, count, ROBOT.dof))
+
+    def of_rows(*rows: FloatArray) -> FloatArray:
+        turns.append(len(rows[0]))
+        return np.asarray(inverse_dynamics(ROBOT, *rows))
+
+    went_on = list[int]()
+    found = in_pieces(of_rows, q, qd, qdd, go_on=lambda: went_on.append(len(turns)))
+    np.testing.assert_array_equal(found, inverse_dynamics(ROBOT, q, qd, qdd))
+    assert max(turns) <= ROWS
+    assert went_on == list(range(len(turns)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise, product
 
 import numpy as np
@@ -12,6 +13,7 @@ from hydro_model.errors import RobotError
 from hydro_model.hydraulics.cylinder import lever, piston_force, stroke
 from hydro_model.motion.paths import JointPath, Path, TipPath
 from hydro_model.motion.paths_segments import Sample
+from hydro_model.motion.row_pieces import in_pieces
 from hydro_model.multibody.joint_ranges import limits
 from hydro_model.multibody.kinematics import tip_position, tip_state
 from hydro_model.multibody.rigid_body import inverse_dynamics
@@ -234,9 +236,9 @@ def check_path(
         # No comparison with what is no number holds.
         raise RobotError("expected a motion of finite numbers, found some beyond their range")
     _refuse_beyond_joints(robot, times, q, qd, margin)
-    x, xd, share = _pistons(robot, q, qd, qdd)
+    x, xd, share = _pistons(robot, q, qd, qdd, go_on)
     _refuse_beyond_cylinders(robot, times, x, share, flow_limit)
-    _refuse_unholdable(robot, times, q)
+    _refuse_unholdable(robot, times, q, go_on)
     return PathCheck(
         duration_s=path.duration_s,
         start_position=q[0],
@@ -309,14 +311,16 @@ def _refuse_beyond_cylinders(
         _limit(times, share[:, i], flow_limit, what, "at most")
 
 
-def _refuse_unholdable(robot: Robot, times: FloatArray, q: FloatArray) -> None:
+def _refuse_unholdable(
+    robot: Robot, times: FloatArray, q: FloatArray, go_on: Callable[[], None]
+) -> None:
     """Refuse poses whose weight no pressure at the valve's ports can hold.
 
     From one of these the way out is open: none is worse than the first.
     """
     if robot.supply_pressure_pa <= 0.0:
         return
-    weight = inverse_dynamics(robot, q, np.zeros_like(q), np.zeros_like(q))
+    weight = _torques(robot, q, np.zeros_like(q), np.zeros_like(q), go_on)
     ports = robot.supply_pressure_pa, robot.tank_pressure_pa
     fed = {valve.cylinder for valve in robot.valves}
     for cylinder in (c for c in robot.cylinders if c.name in fed):
@@ -328,11 +332,17 @@ def _refuse_unholdable(robot: Robot, times: FloatArray, q: FloatArray) -> None:
         _limit(times, share, max(1.0, float(share[0])), what, "at most")
 
 
+def _torques(
+    robot: Robot, q: FloatArray, qd: FloatArray, qdd: FloatArray, go_on: Callable[[], None]
+) -> FloatArray:
+    return in_pieces(partial(inverse_dynamics, robot), q, qd, qdd, go_on=go_on)
+
+
 def _pistons(
-    robot: Robot, q: FloatArray, qd: FloatArray, qdd: FloatArray
+    robot: Robot, q: FloatArray, qd: FloatArray, qdd: FloatArray, go_on: Callable[[], None]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Stroke, piston velocity and share of the valve's flow, (N, m) each."""
-    torque = inverse_dynamics(robot, q, qd, qdd)
+    torque = _torques(robot, q, qd, qdd, go_on)
     shape = (len(q), len(robot.cylinders))
     x, xd, share = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     valves = {valve.cylinder: valve for valve in robot.valves}
