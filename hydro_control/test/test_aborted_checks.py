@@ -237,7 +237,10 @@ def test_what_is_asked_for_before_the_first_sample_does_not_wait_for_it(
     intake.wait()
     answered(intake.core, 1)
     assert not intake.core.moving
-    assert intake.said[:2] == ["trajectory refused: no sample has come yet"] * 2
+    assert intake.said[:2] == [
+        "trajectory refused: no sample has come yet",
+        "tip trajectory to stop accepted",
+    ]
 
 
 def test_no_compiled_function_keeps_the_samples_waiting_for_long(

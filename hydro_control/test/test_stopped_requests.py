@@ -9,6 +9,7 @@ from hydro_control.core.core import ControllerCore, Sample
 from hydro_control.gains import Gains
 from hydro_control.monitoring.applied import MOST_WITHHELD
 from hydro_control.motion.reference import STOP_S
+from hydro_control.motion.reference_run import ReferenceRun
 from hydro_model.motion.paths import JointPath
 from hydro_model.motion.paths_segments import Quintic
 from hydro_model.robot import FloatArray
@@ -86,3 +87,37 @@ def test_nor_where_the_next_sample_comes_after_a_gap() -> None:
     bench.core.requests.stop()
     bench.run(lost=1000)
     assert not bench.core.path_waits
+
+
+@pytest.mark.parametrize("ask", ["stop", "trajectory without points"])
+def test_nor_where_it_was_stopped_before_the_first_sample(ask: str) -> None:
+    """Such as while the controller waits for the bridge. Begun anew it plays it."""
+    bench = Bench()
+    if ask == "stop":
+        bench.core.requests.stop()
+    else:
+        bench.core.requests.trajectory("tip", [], [])
+    assert (bench.core.counts.refused, bench.core.message) == (0, "")
+    np.testing.assert_array_equal(bench.run(300), np.tile(POSE, (300, 1)))
+    assert not bench.core.moving
+    bench.core.restart()
+    bench.run()
+    assert bench.core.moving
+
+
+@pytest.mark.parametrize("before", ["it is known", "it is asked"])
+def test_a_stop_is_heard_in_the_middle_of_the_first_sample(
+    before: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench, play = Bench(), ReferenceRun.play_path
+
+    def played(run: ReferenceRun, *arguments: object, **options: object) -> None:
+        if before == "it is asked":
+            bench.core.requests.stop()
+        play(run, *arguments, **options)  # type: ignore[arg-type]
+        if before == "it is known":
+            bench.core.requests.stop()
+
+    monkeypatch.setattr(ReferenceRun, "play_path", played)
+    bench.run()
+    assert not bench.core.moving

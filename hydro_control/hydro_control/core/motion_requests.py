@@ -88,6 +88,7 @@ class MotionRequests:
     ) -> None:
         self._own, self._counts, self._stopped = own, counts, stopped
         self._checks_beside = checks_beside
+        self._stop_asked = False
         self.run: ReferenceRun | None = None
         self.message = ""
 
@@ -106,6 +107,8 @@ class MotionRequests:
         """
         self._play_own(run)
         self.run = run
+        if self._stop_asked:  # before this sample, or while it was at work
+            run.ask_stop()
         return run
 
     def resume(self, run: ReferenceRun, why: str) -> None:
@@ -136,7 +139,7 @@ class MotionRequests:
         """The next sample is the first: nothing is asked of the reference so far any more."""
         if self.run is not None:
             self.run.over = True
-        self.run = None
+        self.run, self._stop_asked = None, False
         self.message = ""
 
     def _play_own(self, run: ReferenceRun) -> None:
@@ -184,7 +187,11 @@ class MotionRequests:
         return None if self.run is None else self.run.standing
 
     def stop(self) -> None:
-        """Come to rest at the next sample, and end what is being checked."""
+        """Come to rest at the next sample, and end what is being checked.
+
+        Before the first sample: hold from there on, the own path is not played.
+        """
+        self._stop_asked = True  # before `run` is looked at: `begin` sets that first
         run = self.run
         if run is not None:
             run.ask_stop()
@@ -216,12 +223,12 @@ class MotionRequests:
         ControlError
             It is refused: why.
         """
+        if not waypoints:
+            self.stop()
+            return
         run = self.run
         if run is None:
             raise self.refusal("no sample has come yet")
-        if not waypoints:
-            run.ask_stop()
-            return
         standing = run.standing if standing is None else standing
         if stopped := self._stopped():
             raise self.refusal(f"the controller stopped: {stopped}")
