@@ -266,3 +266,24 @@ def test_no_compiled_function_keeps_the_samples_waiting_for_long(
     core.requests.trajectory("joint", ROBOT.joint_names, [point])
     assert max(rows) <= ROWS
     assert sum(rows) > 2 * 30_000 + 60_000
+
+
+def test_who_is_told_of_a_refusal_may_ask_again_at_once() -> None:
+    """Not only when the line about it is written, which takes milliseconds on a busy computer."""
+    intake = Intake()
+
+    def told(text: str) -> None:
+        intake.said.append(text)
+        if len(intake.said) == 1:
+            intake.takes.take("tip", _tip(4))
+
+    log = SimpleNamespace(error=told, info=told)
+    intake.takes = TrajectoryIntake(intake.core, lambda: True, log)
+    unknown = _tip(4)
+    unknown.joint_names = ["hook"]
+    intake.takes.take("tip", unknown)
+    end = time.monotonic() + PATIENCE_S
+    while len(intake.said) < 2 and time.monotonic() < end:
+        time.sleep(1e-3)
+    assert "found hook" in intake.said[0]
+    assert intake.said[1:] == ["tip trajectory with 1 points accepted"]

@@ -62,7 +62,7 @@ class TrajectoryIntake:
             if standing is None:
                 # Not for the first sample: a stop, or an end of driving, may come before it.
                 raise self._core.requests.refusal("no sample has come yet")
-            ends = self._checked is not None and self._checked.overtaken
+            ends = self._checked is None or self._checked.overtaken
             if self.busy and not ends:
                 raise self._core.requests.refusal(
                     "another trajectory is being checked: wait, or stop it with an empty"
@@ -94,10 +94,12 @@ class TrajectoryIntake:
             names = list(message.joint_names)
             self._core.requests.trajectory(space, names, points, start_ns, standing)
             self._refuse_inactive()
+            text, log = f"{space} trajectory with {len(points)} points accepted", self._logger.info
         except ControlError as error:
-            self._logger.error(str(error))
-            return
-        self._logger.info(f"{space} trajectory with {len(points)} points accepted")
+            text, log = str(error), self._logger.error
+        if self._checked is standing:
+            self._checked = None  # what is written about it keeps nobody waiting
+        log(text)
 
     def _refuse_inactive(self) -> None:
         if not self._active():
