@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
@@ -25,6 +27,8 @@ EFFECTS = (
     EffectSpec("internal_leakage", "lift_cylinder", {"coefficient": 4e-13}),
     EffectSpec("dead_volume", "tilt_cylinder", {"volume_a": 9e-4, "volume_b": 1.1e-3}),
 )
+#: Dry friction of the machine that rubs, N.
+RUBBING_N = 2500.0
 
 
 @pytest.fixture(scope="session")
@@ -44,6 +48,15 @@ def predictor_of() -> Callable[[Robot, Recording], Predictor]:
 def laid_crane(crane_run: object, lay_out: Callable[..., Residuals]) -> Residuals:
     """The run of the true crane, laid out: what a diagnosis knows before it searches."""
     return lay_out(crane_run)
+
+
+@pytest.fixture(scope="session")
+def rubbing(crane_run: Any, lay_out: Callable[..., Residuals]) -> Residuals:
+    """The motion of a machine against dry friction of `RUBBING_N` in its lift cylinder."""
+    speed = np.gradient(np.convolve(crane_run.q[:, 0], np.ones(25) / 25.0, "same"), 0.002)
+    p_a = crane_run.p_a.copy()
+    p_a[:, 0] += RUBBING_N * np.tanh(speed / 0.01) / crane_run.robot.cylinders[0].area_a_m2
+    return lay_out(replace(crane_run, p_a=p_a))
 
 
 @pytest.fixture(scope="session")

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -16,17 +12,7 @@ from hydro_ident.mismatch.trials.scoring import Score, score
 from hydro_ident.mismatch.unnamed.nearest import with_nearest
 from hydro_ident.mismatch.unnamed.unknown import Unexplained
 
-FRICTION_N = 2500.0
 EMPTY = np.zeros(0)
-
-
-@pytest.fixture(scope="module")
-def rubbing(crane_run: Any, lay_out: Callable[..., Residuals]) -> Residuals:
-    """The motion of a machine against dry friction in its lift cylinder."""
-    speed = np.gradient(np.convolve(crane_run.q[:, 0], np.ones(25) / 25.0, "same"), 0.002)
-    p_a = crane_run.p_a.copy()
-    p_a[:, 0] += FRICTION_N * np.tanh(speed / 0.01) / crane_run.robot.cylinders[0].area_a_m2
-    return lay_out(replace(crane_run, p_a=p_a))
 
 
 @pytest.fixture(scope="module")
