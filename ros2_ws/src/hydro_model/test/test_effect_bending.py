@@ -83,7 +83,9 @@ def hinge_torques(
         return np.insert(row, free, own)
 
     def rates(t: float, y: FloatArray) -> FloatArray:
-        state = [np.array([np.interp(t, time, c) for c in values.T]) for values in moved]
+        k = min(int(t / STEP), len(time) - 2)
+        part = t / STEP - k
+        state = [values[k] + part * (values[k + 1] - values[k]) for values in moved]
         at_rest = pinocchio.rnea(
             model, data, full(state[0], y[0]), full(state[1], y[1]), full(state[2], 0.0)
         )
@@ -92,7 +94,7 @@ def hinge_torques(
 
     sag = pinocchio.rnea(model, data, full(q[0], 0.0), full(qd[0], 0.0), full(qdd[0], 0.0))
     start = [-sag[free] / spring[0], 0.0]
-    out = solve_ivp(rates, (0.0, time[-1]), start, "LSODA", time, rtol=1e-8, atol=1e-10)
+    out = solve_ivp(rates, (0.0, time[-1]), start, "LSODA", time, rtol=1e-6, atol=1e-8)
     torques = []
     for k, y in enumerate(out.y.T):
         own = full(q[k], y[0]), full(qd[k], y[1]), full(qdd[k], rates(time[k], y)[1])

@@ -169,7 +169,7 @@ def test_roll_out_agrees_with_scipy() -> None:
     robot = with_every_effect(crane(3e4))
     prompt = [e for e in robot.effects if e.name != "command_delay"]
     robot = replace(robot, effects=tuple(prompt))
-    times = grid(0.02, 0.01)
+    times = grid(0.012, 0.006)
     # No signal rests on a law's corner (1 V is the knee's), where slopes are the integrator's.
     volts = np.array([[2.0, -1.4], [-0.3, 0.2], [0.0, 0.0]])
     run = simulate(robot, times, volts, Q0, tolerance=1e-9)
@@ -188,8 +188,8 @@ def test_roll_out_agrees_with_scipy() -> None:
             (times[k], times[k + 1]),
             state / scale,
             method="Radau",
-            rtol=1e-9,
-            atol=1e-10,
+            rtol=1e-8,
+            atol=1e-9,
         )
         state = solved.y[:, -1] * scale
     ours = np.concatenate([run.q[-1], run.qd[-1], run.p_a[-1], run.p_b[-1], run.effect_states[-1]])
