@@ -9,6 +9,7 @@ import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from hydro_msgs_docs.cdr import JOINT_STATE, encode
 
 NAMES = ("lift", "tilt")
 TOPIC = "/joint_states"
+Read = TypeVar("Read")
 COUNT = 6
 START = 1_700_000_000_000_000_000
 METADATA = {"robot": "xs031", "note": "small"}
@@ -161,9 +163,12 @@ WAYS: Mapping[str, Callable[[Path], Found]] = {
     "played": _played,
 }
 each_way = pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
+#: Where the changes of a file begin and how far they lie apart. All ways read records alike: after
+#: every change one of them does, the other two after every second, in turn.
+STEPS = {_whole: (0, 1), _in_pieces: (0, 2), _played: (1, 2)}
 
 
-def _read(path: Path, way: Callable[[Path], Found] = _whole) -> Found | None:
+def _read(path: Path, way: Callable[[Path], Read]) -> Read | None:
     """What came of a bag, or None where it is refused in one line."""
     said = ""
     try:
@@ -181,10 +186,18 @@ def _anew(path: Path, data: bytes) -> None:
     path.write_bytes(data)
 
 
-def _flipped(path: Path, changes: Callable[[int], int] = lambda at: 1 << at % 8) -> Iterator[int]:
-    """Change every byte of a file in turn, one bit of it if not said, and none in the end."""
+def _one_bit(at: int) -> int:
+    """Which bit of a byte changes, another one in each."""
+    return 1 << at // 2 % 8
+
+
+def _flipped(
+    path: Path, changes: Callable[[int], int] = _one_bit, steps: tuple[int, int] = (0, 1)
+) -> Iterator[int]:
+    """Change every byte of a file in turn, or those that lie so far apart, and none in the end."""
     whole = path.read_bytes()
-    for at in range(len(whole)):
+    first, apart = steps
+    for at in range(first, len(whole), apart):
         data = bytearray(whole)
         data[at] ^= changes(at)
         _anew(path, data)
@@ -211,7 +224,8 @@ def test_cut_at_every_byte_a_prefix_is_read_and_the_loss_said(
     file = own.get(kind) or _foreign_bag(tmp_path / "f", kind == "chunks")
     whole = file.read_bytes()
     cut, last = tmp_path / "cut.mcap", 0
-    for size in range(len(whole)):
+    first, apart = STEPS[way]
+    for size in range(first, len(whole), apart):
         _anew(cut, whole[:size])
         found = _read(cut, way)
         if found is None:
@@ -229,24 +243,24 @@ def test_cut_at_every_byte_a_prefix_is_read_and_the_loss_said(
 def test_every_byte_of_a_project_bag_changed_is_right_or_said(
     tmp_path: Path, project_bag: Path, way: Callable[[Path], Found]
 ) -> None:
-    whole, silent = project_bag.read_bytes(), 0
+    whole, silent = project_bag.read_bytes(), list[int]()
     assert _right_cycles(way(project_bag)) == list(range(COUNT))
     changed = tmp_path / "changed.mcap"
     _anew(changed, whole)
-    for at in _flipped(changed, lambda at: 1 << at // 2 % 8 if at % 2 else 0xFF):
+    for at in _flipped(changed, lambda at: _one_bit(at) if at // 2 % 2 else 0xFF, STEPS[way]):
         found = _read(changed, way)
         if found is None:
             continue
         cycles = _right_cycles(found)  # what is left beside a loss has to be right all the same
         if found.losses:
             continue
-        silent += 1
+        silent.append(at)
         assert cycles == list(range(COUNT)), at
         bag = read_bag(changed)
         assert dict(bag.metadata) == METADATA, at
         assert bag.checksummed, at
     # Only the index behind the data may change unnoticed: nothing is read from it.
-    assert silent < len(whole) - whole.index(b"\x0f\x04\0\0\0\0\0\0\0")
+    assert min(silent) > whole.index(b"\x0f\x04\0\0\0\0\0\0\0")
 
 
 @each_way
@@ -257,7 +271,7 @@ def test_no_message_of_a_bag_with_checksums_on_chunks_alone_is_lost_in_silence(
     path = _rosbag2_bag(tmp_path / "rosbag2.mcap")
     assert way(path).losses == ()
     assert read_bag(path).checksummed
-    for at in _flipped(path):
+    for at in _flipped(path, steps=STEPS[way]):
         found = _read(path, way)
         if found is not None and not found.losses:
             assert _right_cycles(found) == list(range(COUNT)), at
@@ -288,12 +302,14 @@ def test_a_bag_without_checksums_is_called_so_whatever_byte_changed(
 ) -> None:
     path = _foreign_bag(tmp_path / "foreign.mcap", chunked)
     for at in _flipped(path):
-        if _read(path) is None:
+        bag = _read(path, read_bag)
+        if bag is None:
             continue
-        bag = read_bag(path)
         assert bag.unchecked, at
         assert not bag.checksummed, at
         assert contents_of(path).unchecked == bag.unchecked, at
+        if at % 3:
+            continue
         inspection = inspect_bag(path, robot)
         assert ("not checksummed" in text_of(inspection)) != bag.checksum_failed, at
 
@@ -317,7 +333,7 @@ def test_every_byte_of_metadata_yaml_changed(tmp_path: Path) -> None:
     _written(tmp_path / "bag", split_ns=400_000_000).close()
     file = tmp_path / "bag/metadata.yaml"
     for at in _flipped(file):
-        found = _read(tmp_path / "bag")
+        found = _read(tmp_path / "bag", _whole)
         if found is not None:
             cycles = _right_cycles(found)
             assert cycles == list(range(COUNT)) or found.losses, at
@@ -374,7 +390,7 @@ def test_every_byte_of_a_killed_recorders_bag_changed_leaves_right_numbers(
     killed_bag: Path, way: Callable[[Path], Found]
 ) -> None:
     """It has no end that a count could stand in: that it has none is said in any case."""
-    for at in _flipped(killed_bag):
+    for at in _flipped(killed_bag, steps=STEPS[way]):
         found = _read(killed_bag, way)
         if found is not None:
             cycles = _right_cycles(found)
