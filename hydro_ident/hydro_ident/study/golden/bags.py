@@ -26,7 +26,7 @@ START_TIP_M = [2.0, 0.0, -1.2]
 PATH = TipPath.through([START_TIP_M, [2.3, 0.0, -1.1]], [1.0])
 DELAY_S, CONTROL_S = 0.2, 1.5
 #: The diagnosis' bag: so long, every so many cycles, from pose to pose in so long.
-DIAGNOSIS_S, EVERY, LEG_S = 20.0, 5, 1.2
+DIAGNOSIS_S, EVERY, LEG_S = 14.0, 5, 1.2
 #: What of a cylinder's truth is its friction.
 _FRICTION = (
     *("viscous_friction", "coulomb_friction_n", "static_friction_n", "stribeck_velocity_m_s"),
