@@ -47,34 +47,41 @@ def robot() -> Robot:
     return load_robot("xs031")
 
 
+def _write_bag(
+    folder: Path,
+    columns: Columns,
+    *,
+    name: str = "bag",
+    stamps: np.ndarray | None = None,
+    repeat: Mapping[str, int] | None = None,
+    **options: object,
+) -> Path:
+    count = max(len(next(iter(fields.values()))) for _, fields in columns.values())
+    if stamps is None:
+        stamps = START_NS + PERIOD_NS * np.arange(count)
+    with BagWriter(folder / name, **options) as writer:  # type: ignore[arg-type]
+        for topic, (names, _) in columns.items():
+            writer.add_topic(topic, JOINT_STATE if names else POINT_STAMPED)
+        for k in range(count):
+            for topic, (names, fields) in columns.items():
+                values = {f: v[k] for f, v in fields.items() if k < len(v)}
+                if not values or np.isnan(next(iter(values.values()))).any():
+                    continue
+                for _ in range((repeat or {}).get(topic, 0) + 1 if k == 0 else 1):
+                    writer.write_stamped(topic, int(stamps[k]), values, names=names)
+    return folder / name
+
+
 @pytest.fixture
 def write_bag(tmp_path: Path) -> WriteBag:
     """Writes columns by the project's writer; returns the bag's directory."""
+    return partial(_write_bag, tmp_path)
 
-    def write(
-        columns: Columns,
-        *,
-        name: str = "bag",
-        stamps: np.ndarray | None = None,
-        repeat: Mapping[str, int] | None = None,
-        **options: object,
-    ) -> Path:
-        count = max(len(next(iter(fields.values()))) for _, fields in columns.values())
-        if stamps is None:
-            stamps = START_NS + PERIOD_NS * np.arange(count)
-        with BagWriter(tmp_path / name, **options) as writer:  # type: ignore[arg-type]
-            for topic, (names, _) in columns.items():
-                writer.add_topic(topic, JOINT_STATE if names else POINT_STAMPED)
-            for k in range(count):
-                for topic, (names, fields) in columns.items():
-                    values = {f: v[k] for f, v in fields.items() if k < len(v)}
-                    if not values or np.isnan(next(iter(values.values()))).any():
-                        continue
-                    for _ in range((repeat or {}).get(topic, 0) + 1 if k == 0 else 1):
-                        writer.write_stamped(topic, int(stamps[k]), values, names=names)
-        return tmp_path / name
 
-    return write
+@pytest.fixture(scope="session")
+def write_bag_in() -> WriteBag:
+    """As `write_bag`, into a folder that is given first: for what several tests share."""
+    return _write_bag
 
 
 @pytest.fixture

@@ -337,7 +337,7 @@ def test_a_browser_opens_the_drawing_without_errors(
 ) -> None:
     page = tmp_path / "crane.html"
     assert main([str(crane.file), "--out", str(page)]) == 0
-    views = browser_check(page)["views"]
+    views = browser_check(page, 390, 1400)["views"]
     assert [view["found"] for view in views] == [[]] * len(views)
     assert views[0]["drawn"] == views[0]["figures"] == len(POSES) + 1 + 2
 
