@@ -20,7 +20,7 @@ from hydro_hw_bridge.faults.trial import Outcome, Trial
 from hydro_model.robot import Robot
 
 #: Of every family, and of every function that takes turns in one.
-SEEDS_PER_FAMILY, SEEDS_PER_DRAW = 8, 3
+SEEDS_PER_FAMILY, SEEDS_PER_DRAW = 5, 2
 AT = 20
 TRIPS = Named(("trips",))
 
@@ -64,7 +64,7 @@ def test_what_starves_the_gate_is_held_to_a_time_and_nothing_else_stops(
 ) -> None:
     """Samples or sync frames that stay away for five cycles; four are driven over."""
     stopped = set()
-    for seed in range(40):
+    for seed in range(24):
         injection = drawn(seed, trial.codec, family)
         outcome = trial.run(injection, seed)
         kept(outcome)
