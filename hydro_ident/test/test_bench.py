@@ -85,7 +85,7 @@ def test_memory_is_that_of_processes_which_do_the_fit(tmp_path: Path) -> None:
 
 
 def test_a_diagnosis_says_when_it_had_named(tmp_path: Path) -> None:
-    one = diagnosed(tmp_path, 0.3)
+    one = diagnosed(tmp_path, 0.2)
     assert 0.0 < one.named_s < one.seconds
     assert one.peak_mb > 30.0
     assert EFFECTS[0].name in one.names

@@ -92,9 +92,13 @@ def test_works_take_turns_after_each_has_been_done_once() -> None:
     assert set(took) == set(works)
 
 
-def test_every_installed_executable_is_started(bag: Path) -> None:
-    with_help = limits.executables()
-    assert {"diagnose", "inspect", "recorder", "controller", "can_bridge"} <= set(with_help)
+def test_every_installed_executable_is_started(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All of them by tests/test_docs_campaigns.py; here which they are, and some."""
+    every = limits.executables()
+    some = {"diagnose", "inspect", "recorder", "controller", "can_bridge"}
+    assert some < set(every)
+    with_help = {name: every[name] for name in sorted(some)}
+    monkeypatch.setattr(limits, "executables", lambda: with_help)
     rows = limits.command_starts(bag, 1)
     assert [row.job for row in rows] == [limits.EMPTY, limits.HELP, limits.INSPECTED]
     empty, slowest, _ = rows
