@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -21,10 +22,17 @@ SWALLOWED = 1.0e-2
 
 
 @pytest.fixture(scope="module")
-def bank(laid_crane: Residuals) -> Bank:
+def laid(make_run: tuple, lay_out: Callable[..., Residuals]) -> Residuals:
+    """A run of the true crane, laid out: what a diagnosis knows before it searches."""
+    true_crane, simulated_run = make_run
+    return lay_out(simulated_run(true_crane(), 12.0))
+
+
+@pytest.fixture(scope="module")
+def bank(laid: Residuals) -> Bank:
     """One that the base asked first: what is evaluated beside an effect is kept under its name."""
-    bank = Bank(laid_crane.training.predictor)
-    assert bank.entries(laid_crane.base.model)
+    bank = Bank(laid.training.predictor)
+    assert bank.entries(laid.base.model)
     return bank
 
 
@@ -42,26 +50,26 @@ def bank(laid_crane: Residuals) -> Bank:
     ],
 )
 def test_what_is_tried_is_tried_beside_what_was_found(
-    laid_crane: Residuals, bank: Bank, name: str, target: str
+    laid: Residuals, bank: Bank, name: str, target: str
 ) -> None:
-    base = laid_crane.base
+    base = laid.base
     spec = EffectSpec(name, target, {p.name: p.typical for p in CATALOGUE[name].parameters})
     (found,) = resolve(replace(load_robot("xs031"), effects=(spec,)))
     model = base.model.with_term(found)
-    current = fitted(laid_crane.training, model, base.bench.noise)
+    current = fitted(laid.training, model, base.bench.noise)
     lost = [
         (e.trial.name, e.trial.target, round(share, 3))
         for e in bank.entries(model)
-        if (share := _lost(laid_crane, current, e)) > LOST
+        if (share := _lost(laid, current, e)) > LOST
     ]
     assert not lost
 
 
 def test_on_a_base_without_inertia_no_hinge_swings_and_others_are_tried(
-    laid_crane: Residuals,
+    laid: Residuals,
 ) -> None:
     """Slow motion hardly tells a base's inertia: fitted, it may be less than none."""
-    predictor, model = laid_crane.training.predictor, laid_crane.base.model
+    predictor, model = laid.training.predictor, laid.base.model
     robot = replace(model.robot, link_inertia=-1.0 * model.robot.link_inertia)
     hinge = {"inertia": 400.0, "frequency": 4.0, "damping": 0.05, "carried": 1.0, "place": 0.0}
     spec = EffectSpec("structural_flexibility", "lift_cylinder", hinge)

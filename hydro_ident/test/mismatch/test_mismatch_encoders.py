@@ -16,8 +16,9 @@ from hydro_ident.mismatch.locating.encoders import Encoders
 from hydro_ident.mismatch.naming.contest import Contest
 from hydro_ident.mismatch.naming.fit_starts import Starts
 from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.trials.candidates import trials
 from hydro_ident.mismatch.trials.contender import Contender
-from hydro_ident.mismatch.trials.scoring import Bank, score
+from hydro_ident.mismatch.trials.scoring import bank_of, score
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
@@ -83,11 +84,9 @@ def test_a_contest_tells_springs_that_are_there_alone(
 ) -> None:
     work = _seen(make_run, lay_out, FINE_RAD, SPRING) if there else clean
     training, base = work.training, work.base
-    entries = [
-        e
-        for e in Bank(training.predictor).entries(base.model)
-        if (e.trial.active.effect.name, e.trial.target) == (SPRING.name, SPRING.target)
-    ]
+    tried = trials(training.predictor, base.model, (SPRING.name,))
+    own = [trial for trial in tried if trial.target == SPRING.target]
+    entries = bank_of(training.predictor, base.model, own)
     scores = [s for e in entries if (s := score(base.bench, e, training.mask)) is not None]
     best = max(scores, key=lambda s: s.value)
     named, told = Contest(training).between(base, base.bench.noise, scores, best, 0.001)
