@@ -24,7 +24,7 @@ def _identified(noise: Noise, **settings: object) -> Identification:
     from hydro_model.robot_files import load_robot
 
     robot = load_robot("xs031")
-    recording = synthetic_recording(robot, 30.0, 1, noise)
+    recording = synthetic_recording(robot, 20.0, 1, noise)
     return identify(robot, [recording], settings=Settings(**settings))  # type: ignore[arg-type]
 
 
@@ -65,7 +65,7 @@ def test_auto_turns_to_instruments_where_encoders_are_bad(robot: Robot) -> None:
 
 
 def test_auto_turns_robust_where_samples_stand_out(robot: Robot) -> None:
-    good = synthetic_recording(robot, 30.0, 1)
+    good = synthetic_recording(robot, 20.0, 1)
     bad = with_outliers(good, 5, share=0.02, dropouts=6)
     auto = identify(robot, [bad])
     plain = identify(robot, [bad], settings=Settings(estimator="ols"))
@@ -82,8 +82,8 @@ def test_auto_turns_robust_where_samples_stand_out(robot: Robot) -> None:
 
 
 def test_outliers_of_a_recording_that_validates_are_no_error_of_the_model(robot: Robot) -> None:
-    good = synthetic_recording(robot, 30.0, 1)
-    other = synthetic_recording(robot, 30.0, 2)
+    good = synthetic_recording(robot, 20.0, 1)
+    other = synthetic_recording(robot, 20.0, 2)
     bad = replace(with_outliers(other, 6, share=0.02, dropouts=6), path=other.path / "check")
     found = identify(robot, [with_outliers(good, 5, share=0.02, dropouts=6)], [bad])
     assert found.verdict == "identified", found.problems
@@ -105,9 +105,9 @@ def test_every_estimator_agrees_on_good_data(
 
 
 def test_bags_of_unlike_noise_are_weighted_by_it(robot: Robot) -> None:
-    quiet = synthetic_recording(robot, 30.0, 1, Noise(force_n=50.0))
+    quiet = synthetic_recording(robot, 20.0, 1, Noise(force_n=50.0))
     loud = replace(
-        synthetic_recording(robot, 30.0, 1, Noise(force_n=5000.0)), path=quiet.path / "b"
+        synthetic_recording(robot, 20.0, 1, Noise(force_n=5000.0)), path=quiet.path / "b"
     )
     settings = Settings(hold_out_every=0, estimator="wls")
     alone, both = (identify(robot, b, settings=settings) for b in ([quiet], [quiet, loud]))

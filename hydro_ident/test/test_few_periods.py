@@ -42,7 +42,7 @@ def _strongest(work: Residuals, channel: str) -> Dependence:
 def seen_again(make_run: tuple[Callable[..., Robot], Callable[..., object]]) -> Any:
     """The machine of `crane_run` on another path."""
     true_crane, simulated_run = make_run
-    return simulated_run(true_crane(), 40.0, seed=3)
+    return simulated_run(true_crane(), 24.0, seed=3)
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -22,6 +23,12 @@ pytestmark = pytest.mark.needs("clarabel", "plotly")
 
 HYDRAULIC = ("bulk_modulus", "c_pa", "c_at", "c_pb", "c_bt")
 Outcome = tuple[int, dict]
+
+
+@pytest.fixture(scope="module")
+def short_run(make_run: tuple) -> Any:
+    """12 s of the machine of `crane_run`."""
+    return make_run[1](make_run[0](), 12.0)
 
 
 @pytest.fixture
@@ -68,14 +75,14 @@ def values(result: dict) -> dict[str, float]:
     return {p["name"]: p["value"] for p in result["parameters"] if p["identifiable"]}
 
 
-def test_everything_there_nothing_lost(crane_run, identify_bag) -> None:
-    code, result = identify_bag(crane_run.columns())
+def test_everything_there_nothing_lost(short_run, identify_bag) -> None:
+    code, result = identify_bag(short_run.columns())
     assert (code, result["verdict"], result["losses"]) == (0, "identified", [])
     assert values(result)["lift_cylinder.bulk_modulus"] == pytest.approx(8.2e8, rel=0.02)
 
 
-def test_no_valve_topic_loses_the_flows_alone(crane_run, identify_bag) -> None:
-    code, result = identify_bag(without(crane_run.columns(), "/valve_state"))
+def test_no_valve_topic_loses_the_flows_alone(short_run, identify_bag) -> None:
+    code, result = identify_bag(without(short_run.columns(), "/valve_state"))
     assert (code, result["verdict"]) == (0, "partly_identified")
     assert set(result["channels"]) == {"lift/force", "tilt/force"}
     reasons = lost(result)
@@ -85,15 +92,15 @@ def test_no_valve_topic_loses_the_flows_alone(crane_run, identify_bag) -> None:
     assert any("free run" in note for note in result["notes"])
 
 
-def test_the_command_stands_in_for_the_valve_state(crane_run, identify_bag) -> None:
-    columns = crane_run.columns()
+def test_the_command_stands_in_for_the_valve_state(short_run, identify_bag) -> None:
+    columns = short_run.columns()
     columns["/valve_command"] = columns.pop("/valve_state")
     code, result = identify_bag(columns)
     assert (code, result["verdict"], result["losses"]) == (0, "identified", [])
 
 
-def test_one_chamber_missing_loses_that_force_and_that_flow(crane_run, identify_bag) -> None:
-    columns = without(crane_run.columns(), "/chamber_pressures", "lift_cylinder/b")
+def test_one_chamber_missing_loses_that_force_and_that_flow(short_run, identify_bag) -> None:
+    columns = without(short_run.columns(), "/chamber_pressures", "lift_cylinder/b")
     code, result = identify_bag(columns)
     assert set(lost(result)) == {"lift/force", "lift/flow_b"}
     assert set(result["channels"]) == {"tilt/force", "lift/flow_a", "tilt/flow_a", "tilt/flow_b"}
@@ -140,10 +147,10 @@ def test_a_recording_is_cut_where_a_sensor_fails_for_long_alone(crane_run) -> No
     assert traces(*(slice(k, k + 300) for k in range(0, count, 1000))) == [(count, False)]
 
 
-def test_robust_weights_do_without_lost_pressures(crane_run, identify_bag) -> None:
+def test_robust_weights_do_without_lost_pressures(short_run, identify_bag) -> None:
     """A channel without a row has no residuals to be weighted by; the others are as good."""
     gone = ("tilt_cylinder/a", "tilt_cylinder/b")
-    columns = without(crane_run.columns(), "/chamber_pressures", *gone)
+    columns = without(short_run.columns(), "/chamber_pressures", *gone)
     code, result = identify_bag(columns, estimator="robust")
     assert set(lost(result)) == {"tilt/force", "tilt/flow_a", "tilt/flow_b"}
     assert (code, result["verdict"]) == (0, "partly_identified")
@@ -152,13 +159,13 @@ def test_robust_weights_do_without_lost_pressures(crane_run, identify_bag) -> No
     assert "tilt_cylinder.viscous_friction" not in values(result)
 
 
-def test_robust_weights_do_without_a_joint_torque(crane_run, identify_bag) -> None:
+def test_robust_weights_do_without_a_joint_torque(short_run, identify_bag) -> None:
     """Torques of the first joint alone; the weights are chosen because its samples stand out."""
-    cylinder = crane_run.robot.cylinders[0]
-    columns = without(crane_run.columns(), "/chamber_pressures")
-    force = piston_force(cylinder, crane_run.p_a[:, 0], crane_run.p_b[:, 0])
-    torque = np.full_like(crane_run.q, np.nan)
-    torque[:, 0] = lever(cylinder, crane_run.q[:, 0]) * force
+    cylinder = short_run.robot.cylinders[0]
+    columns = without(short_run.columns(), "/chamber_pressures")
+    force = piston_force(cylinder, short_run.p_a[:, 0], short_run.p_b[:, 0])
+    torque = np.full_like(short_run.q, np.nan)
+    torque[:, 0] = lever(cylinder, short_run.q[:, 0]) * force
     torque[::40, 0] *= 3.0
     columns["/joint_states"][1]["effort"] = torque
     code, result = identify_bag(columns)
@@ -168,10 +175,10 @@ def test_robust_weights_do_without_a_joint_torque(crane_run, identify_bag) -> No
 
 
 def test_robust_weights_do_with_a_channel_of_one_bag_alone(
-    crane_run, identify_bag, write_bag
+    short_run, identify_bag, write_bag
 ) -> None:
-    whole = write_bag(crane_run.columns(), name="whole")
-    columns = without(crane_run.columns(), "/chamber_pressures", "tilt_cylinder/b")
+    whole = write_bag(short_run.columns(), name="whole")
+    columns = without(short_run.columns(), "/chamber_pressures", "tilt_cylinder/b")
     code, result = identify_bag(columns, estimator="robust", also=[whole])
     assert (code, result["estimator"]["name"]) == (0, "robust")
     assert "tilt/force" in result["channels"]
@@ -179,8 +186,8 @@ def test_robust_weights_do_with_a_channel_of_one_bag_alone(
     assert known["tilt_cylinder.viscous_friction"] == pytest.approx(4.1e4, rel=0.05)
 
 
-def test_no_supply_and_no_tank_use_the_robot_files(crane_run, identify_bag) -> None:
-    columns = without(crane_run.columns(), "/chamber_pressures", "supply", "tank")
+def test_no_supply_and_no_tank_use_the_robot_files(short_run, identify_bag) -> None:
+    columns = without(short_run.columns(), "/chamber_pressures", "supply", "tank")
     code, result = identify_bag(columns)
     assert (code, result["verdict"]) == (0, "identified")
     assert lost(result) == {
@@ -190,8 +197,8 @@ def test_no_supply_and_no_tank_use_the_robot_files(crane_run, identify_bag) -> N
     assert values(result)["lift_valve.c_pa"] == pytest.approx(8.91e-7, rel=0.02)
 
 
-def test_a_missing_distal_angle_loses_every_force(crane_run, identify_bag) -> None:
-    code, result = identify_bag(without(crane_run.columns(), "/joint_states", "tilt"))
+def test_a_missing_distal_angle_loses_every_force(short_run, identify_bag) -> None:
+    code, result = identify_bag(without(short_run.columns(), "/joint_states", "tilt"))
     reasons = lost(result)
     assert set(reasons) == {"lift/force", "tilt/force", "tilt/flow_a", "tilt/flow_b"}
     assert reasons["lift/force"] == "no position of tilt in /joint_states"
@@ -203,12 +210,12 @@ def test_a_missing_distal_angle_loses_every_force(crane_run, identify_bag) -> No
     assert not any(name.startswith("tilt") for name in known)
 
 
-def test_effort_without_pressures_gives_joint_torques(crane_run, identify_bag) -> None:
-    robot = crane_run.robot
-    columns = without(crane_run.columns(), "/chamber_pressures")
+def test_effort_without_pressures_gives_joint_torques(short_run, identify_bag) -> None:
+    robot = short_run.robot
+    columns = without(short_run.columns(), "/chamber_pressures")
     torque = np.column_stack(
         [
-            lever(c, crane_run.q[:, i]) * piston_force(c, crane_run.p_a[:, i], crane_run.p_b[:, i])
+            lever(c, short_run.q[:, i]) * piston_force(c, short_run.p_a[:, i], short_run.p_b[:, i])
             for i, c in enumerate(robot.cylinders)
         ]
     )
@@ -224,14 +231,14 @@ def test_effort_without_pressures_gives_joint_torques(crane_run, identify_bag) -
     assert not any(name.endswith(HYDRAULIC) for name in values(result))
 
 
-def test_an_effort_of_zero_is_worth_as_much_as_none(crane_run, identify_bag) -> None:
-    cylinder = crane_run.robot.cylinders[0]
-    torque = np.full_like(crane_run.q, np.nan)
-    force = piston_force(cylinder, crane_run.p_a[:, 0], crane_run.p_b[:, 0])
-    torque[:, 0] = lever(cylinder, crane_run.q[:, 0]) * force
+def test_an_effort_of_zero_is_worth_as_much_as_none(short_run, identify_bag) -> None:
+    cylinder = short_run.robot.cylinders[0]
+    torque = np.full_like(short_run.q, np.nan)
+    force = piston_force(cylinder, short_run.p_a[:, 0], short_run.p_b[:, 0])
+    torque[:, 0] = lever(cylinder, short_run.q[:, 0]) * force
     found = []
     for name, filled in (("none", np.nan), ("zero", 0.0)):
-        columns = without(crane_run.columns(), "/chamber_pressures")
+        columns = without(short_run.columns(), "/chamber_pressures")
         torque[:, 1] = filled
         columns["/joint_states"][1]["effort"] = torque.copy()
         found.append(identify_bag(columns, name=name)[1])
@@ -242,18 +249,18 @@ def test_an_effort_of_zero_is_worth_as_much_as_none(crane_run, identify_bag) -> 
     assert (zero["channels"], values(zero)) == (none["channels"], values(none))
 
 
-def test_a_stroke_sensor_stands_in_for_the_joint_angle(crane_run, identify_bag) -> None:
-    robot = crane_run.robot
-    columns = crane_run.columns()
-    length = stroke(robot.cylinders[1], crane_run.q[:, 1])
-    position = np.column_stack([crane_run.q[:, 0], length])
+def test_a_stroke_sensor_stands_in_for_the_joint_angle(short_run, identify_bag) -> None:
+    robot = short_run.robot
+    columns = short_run.columns()
+    length = stroke(robot.cylinders[1], short_run.q[:, 1])
+    position = np.column_stack([short_run.q[:, 0], length])
     columns["/joint_states"] = (("lift", "tilt_cylinder"), {"position": position})
     code, result = identify_bag(columns)
     assert (code, result["verdict"], result["losses"]) == (0, "identified", [])
     assert "bag: position of tilt from the stroke of tilt_cylinder" in result["notes"]
     assert values(result)["tilt_cylinder.viscous_friction"] == pytest.approx(4.1e4, rel=0.05)
     both = np.column_stack(
-        [stroke(c, q) for c, q in zip(robot.cylinders, crane_run.q.T, strict=True)]
+        [stroke(c, q) for c, q in zip(robot.cylinders, short_run.q.T, strict=True)]
     )
     columns["/joint_states"] = (tuple(c.name for c in robot.cylinders), {"position": both})
     code, again = identify_bag(columns, name="strokes")
@@ -263,9 +270,9 @@ def test_a_stroke_sensor_stands_in_for_the_joint_angle(crane_run, identify_bag) 
         assert values(again)[name] == pytest.approx(value, rel=1e-3, abs=slack), name
 
 
-def test_a_stuck_joint_names_what_it_costs_and_the_run(crane_run, identify_bag) -> None:
-    columns = crane_run.columns()
-    still = crane_run.q.copy()
+def test_a_stuck_joint_names_what_it_costs_and_the_run(short_run, identify_bag) -> None:
+    columns = short_run.columns()
+    still = short_run.q.copy()
     still[:, 1] = still[0, 1]
     columns["/joint_states"] = (columns["/joint_states"][0], {"position": still})
     code, result = identify_bag(columns)
@@ -283,15 +290,15 @@ def test_a_stuck_joint_names_what_it_costs_and_the_run(crane_run, identify_bag) 
     ],
 )
 def test_too_little_motion_names_what_it_costs_and_the_run(
-    crane_run, identify_bag, cycles: int, share: float, said: str, lost: str
+    short_run, identify_bag, cycles: int, share: float, said: str, lost: str
 ) -> None:
     columns = {
         topic: (names, {f: v[:cycles] for f, v in fields.items()})
-        for topic, (names, fields) in crane_run.columns().items()
+        for topic, (names, fields) in short_run.columns().items()
     }
-    middle = crane_run.q[0]
-    moved = middle + share * (crane_run.q[:cycles] - middle)
-    columns["/joint_states"] = (crane_run.robot.joint_names, {"position": moved})
+    middle = short_run.q[0]
+    moved = middle + share * (short_run.q[:cycles] - middle)
+    columns["/joint_states"] = (short_run.robot.joint_names, {"position": moved})
     code, result = identify_bag(columns)
     assert (code, result["verdict"]) == (1, "not_enough_data")
     assert said in result["problems"][0]
@@ -299,8 +306,8 @@ def test_too_little_motion_names_what_it_costs_and_the_run(
     assert "excite --robot xs031" in result["problems"][0]
 
 
-def test_saturated_valves_name_what_they_cost_and_the_run(crane_run, identify_bag) -> None:
-    columns = crane_run.columns()
+def test_saturated_valves_name_what_they_cost_and_the_run(short_run, identify_bag) -> None:
+    columns = short_run.columns()
     full = 10.0 * np.sign(columns["/valve_state"][1]["effort"])
     columns["/valve_state"] = (columns["/valve_state"][0], {"effort": full})
     code, result = identify_bag(columns)
@@ -312,7 +319,7 @@ def test_saturated_valves_name_what_they_cost_and_the_run(crane_run, identify_ba
 
 
 def test_a_wrong_robot_is_said_with_the_parameters_it_costs(
-    crane_run, identify_bag, tmp_path: Path, robot: Robot
+    short_run, identify_bag, tmp_path: Path, robot: Robot
 ) -> None:
     """A smaller crane with the same joint names: its lift turns half as far."""
     other = tmp_path / "other"
@@ -320,7 +327,7 @@ def test_a_wrong_robot_is_said_with_the_parameters_it_costs(
     assert robot.source is not None
     assert robot.urdf is not None
     lift, cylinder = robot.joints[0], robot.cylinders[0]
-    low, high = float(crane_run.q[:, 0].min()), float(np.median(crane_run.q[:, 0]))
+    low, high = float(short_run.q[:, 0].min()), float(np.median(short_run.q[:, 0]))
     tree = ElementTree.parse(robot.urdf)
     for joint in tree.getroot().iter("joint"):
         if joint.get("name") == lift.name:
@@ -333,7 +340,7 @@ def test_a_wrong_robot_is_said_with_the_parameters_it_costs(
         "x0_m": cylinder.x0_m + float(ends[0]) - 0.001,
     }
     (other / "small.hydraulics.yaml").write_text(yaml.safe_dump(data))
-    code, result = identify_bag(crane_run.columns(), str(other / "small.hydraulics.yaml"))
+    code, result = identify_bag(short_run.columns(), str(other / "small.hydraulics.yaml"))
     assert (code, result["verdict"]) == (1, "not_enough_data")
     [text] = result["problems"]
     assert "bag does not fit robot small" in text
@@ -342,8 +349,8 @@ def test_a_wrong_robot_is_said_with_the_parameters_it_costs(
     assert "robot file of this machine" in text
 
 
-def test_a_model_that_explains_nothing_is_said(crane_run, identify_bag) -> None:
-    columns = crane_run.columns()
+def test_a_model_that_explains_nothing_is_said(short_run, identify_bag) -> None:
+    columns = short_run.columns()
     names, fields = columns["/chamber_pressures"]
     order = [
         names.index(n.replace("lift", "@").replace("tilt", "lift").replace("@", "tilt"))
@@ -355,7 +362,7 @@ def test_a_model_that_explains_nothing_is_said(crane_run, identify_bag) -> None:
     assert result["problems"]
 
 
-def test_a_bag_of_another_robot_by_name_is_said(crane_run, identify_bag) -> None:
-    code, result = identify_bag(crane_run.columns(), metadata={"robot": "mh26"})
+def test_a_bag_of_another_robot_by_name_is_said(short_run, identify_bag) -> None:
+    code, result = identify_bag(short_run.columns(), metadata={"robot": "mh26"})
     assert (code, result["verdict"]) == (0, "partly_identified")
     assert "bag was recorded as robot 'mh26', not xs031" in result["problems"][0]

@@ -34,7 +34,7 @@ from hydro_model.robot_files import load_robot
 pytestmark = pytest.mark.needs("plotly")
 
 #: Name, length in s and seed of two runs of a machine.
-RUNS = (("train", 40.0, 0), ("check", 15.0, 3))
+RUNS = (("train", 26.0, 0), ("check", 12.0, 3))
 DEADBAND = EffectSpec("valve_deadband", "tilt_valve", {"width": 0.02})
 
 
@@ -126,7 +126,7 @@ def bristling(make_run: tuple[Callable[..., Robot], Callable[..., object]]) -> D
     truth = replace(true_crane(), effects=(bristle,))
     bags = [simulated_run(truth, seconds, seed=s).recording(n) for n, seconds, s in RUNS]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(residuals, "LONGEST_SCAN_S", 20.0)
+        patch.setattr(residuals, "LONGEST_SCAN_S", 13.0)
         return diagnose(load_robot("xs031"), bags[:1], bags[1:])
 
 

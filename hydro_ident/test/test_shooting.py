@@ -144,7 +144,7 @@ def machine(make_run: tuple) -> Callable[[float, int], object]:
     true_crane, simulated_run = make_run
 
     def run(force_n: float, seed: int) -> object:
-        return simulated_run(replace(true_crane(), effects=(_spec(force_n),)), 16.0, seed)
+        return simulated_run(replace(true_crane(), effects=(_spec(force_n),)), 12.0, seed)
 
     return run
 

@@ -51,7 +51,7 @@ def test_one_valve_that_is_late_is_no_delay_of_all(
 ) -> None:
     """To first order a delay of all makes a prompt valve so much early; none can be."""
     true_crane, simulated_run = make_run
-    work = lay_out(simulated_run(replace(true_crane(), effects=(LAGGING,)), 24.0))
+    work = lay_out(simulated_run(replace(true_crane(), effects=(LAGGING,)), 16.0))
     delay = {"delay": 0.004}
     specs = (
         LAGGING,

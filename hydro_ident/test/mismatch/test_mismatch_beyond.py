@@ -22,7 +22,7 @@ from hydro_model.robot_files import load_robot
 
 LEAK = EffectSpec("internal_leakage", "lift_cylinder", {"coefficient": 3.0e-13})
 FLOWS = ["lift/flow_a", "lift/flow_b"]
-SECONDS = 18.0
+SECONDS = 13.0
 
 
 def _laid(make_run: Any, lay_out: Callable[..., Residuals], leaks: tuple[bool, bool]) -> Residuals:

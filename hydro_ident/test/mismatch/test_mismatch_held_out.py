@@ -42,7 +42,7 @@ def work(
 ) -> Residuals:
     """A machine with dry friction in its lift cylinder, beside the datasheet's structure."""
     true_crane, simulated_run = make_run
-    return lay_out(simulated_run(replace(true_crane(), effects=(COULOMB,)), 18.0))
+    return lay_out(simulated_run(replace(true_crane(), effects=(COULOMB,)), 13.0))
 
 
 @pytest.fixture(scope="module")
@@ -178,7 +178,7 @@ def test_what_acts_in_a_few_blocks_is_confirmed(
     """A work cycle's second recording may exercise an effect for three seconds: signs of three
     blocks are alike by chance once in eight, but what a true one leaves there is noise."""
     true_crane, simulated_run = make_run
-    again = lay_out(simulated_run(true_crane(), 18.0), [simulated_run(true_crane(), 18.0, 3)])
+    again = lay_out(simulated_run(true_crane(), 13.0), [simulated_run(true_crane(), 18.0, 3)])
     count = len(again.check.predictor.material.channels)
     white = Noise(tuple(np.zeros(0) for _ in range(count)), np.ones(count))
     long_rows = HeldOut.predicted(again.check, again.base, white)

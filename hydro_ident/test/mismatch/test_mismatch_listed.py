@@ -34,7 +34,7 @@ def _rubbing(force: float, target: str = LIFT) -> EffectSpec:
 def fitted(make_run: Make, lay_out: Callable[..., Residuals]) -> Callable[..., Residuals]:
     """Refitted base and listed effects, of a crane whose lift rubs with 2500 N."""
     true_crane, simulated_run = make_run
-    run = simulated_run(replace(true_crane(), effects=(_rubbing(2500.0),)), 20.0)
+    run = simulated_run(replace(true_crane(), effects=(_rubbing(2500.0),)), 14.0)
 
     return lambda *listed: lay_out(run, listed=listed)
 
@@ -72,7 +72,7 @@ def slow_valves(make_run: Make, lay_out: Callable[..., Residuals]) -> Callable[.
     lags = _lag(60.0, 0.9, "lift"), _lag(9.0, 0.8, "tilt")
     crane = replace(true_crane(), command_delay_s=1.4e-3, effects=lags)
     runs = {
-        biased: simulated_run(replace(crane, effects=(*lags, BIAS)[: 3 if biased else 2]), 20.0)
+        biased: simulated_run(replace(crane, effects=(*lags, BIAS)[: 3 if biased else 2]), 14.0)
         for biased in (False, True)
     }
 

@@ -25,7 +25,7 @@ def _bending(make_run: Make, lay_out: Callable[..., Residuals], distance_m: floa
     true_crane, simulated_run = make_run
     numbers = {"force": FORCE_N, "distance": distance_m}
     crane = replace(true_crane(), effects=(EffectSpec("presliding_friction", LIFT, numbers),))
-    return lay_out(simulated_run(crane, 20.0), listed=LISTED)
+    return lay_out(simulated_run(crane, 14.0), listed=LISTED)
 
 
 @pytest.fixture(scope="module")

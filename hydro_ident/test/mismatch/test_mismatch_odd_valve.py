@@ -32,14 +32,14 @@ def late(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
     """One valve later than the other by less than a cycle, both within what a base may have."""
     true_crane, simulated_run = make_run
     truth = replace(true_crane(), command_delay_s=OWN_S, effects=(LATE,))
-    return lay_out(simulated_run(truth, 18.0))
+    return lay_out(simulated_run(truth, 13.0))
 
 
 @pytest.fixture(scope="module")
 def plain(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
     """Nothing left out."""
     true_crane, simulated_run = make_run
-    return lay_out(simulated_run(replace(true_crane(), command_delay_s=OWN_S), 18.0))
+    return lay_out(simulated_run(replace(true_crane(), command_delay_s=OWN_S), 13.0))
 
 
 def test_the_bases_delay_hides_it(late: Residuals) -> None:

@@ -67,7 +67,7 @@ def late(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
     """Commands that are 4 ms later than a cycle, and a bent valve."""
     true_crane, simulated_run = make_run
     truth = replace(true_crane(), command_delay_s=3.0 * CYCLE_S, effects=(BENT,))
-    return lay_out(simulated_run(truth, 18.0))
+    return lay_out(simulated_run(truth, 13.0))
 
 
 def test_one_delay_takes_the_place_of_lags_that_say_no_more(late: Residuals) -> None:
@@ -164,7 +164,7 @@ def test_a_delay_shows_at_every_valve_though_they_differ(
     true_crane, simulated_run = make_run
     slower = replace(LAGS[0], parameters={"frequency": 900.0, "damping": 0.8})
     truth = replace(true_crane(), command_delay_s=1.8 * CYCLE_S, effects=(slower,))
-    work = lay_out(simulated_run(truth, 18.0), [simulated_run(truth, 12.0, seed=5)])
+    work = lay_out(simulated_run(truth, 13.0), [simulated_run(truth, 12.0, seed=5)])
     _, _, (found,), _ = searched(work, work.base)
     assert found.named.term.effect.name == "command_delay"
     flows = {f"{joint}/flow_{side}" for joint in ("lift", "tilt") for side in "ab"}
@@ -188,7 +188,7 @@ def test_a_delay_says_all_that_goes_beyond_a_cycle(
     )
     lag_s = [2.0 * 0.8 / (2.0 * np.pi * f) for f in hz]
     truth = replace(true_crane(), command_delay_s=CYCLE_S + late_s, effects=quick)
-    work = lay_out(simulated_run(truth, 18.0))
+    work = lay_out(simulated_run(truth, 13.0))
     start = replace(LATE, parameters={"delay": 1.0e-4})
     assert max(work.base.model.delays_s) == pytest.approx(1.25 * CYCLE_S, rel=1e-3)
     whole = fit(work.training, _with(work, [start]), passes=4)
@@ -210,7 +210,7 @@ def test_a_valve_without_pressures_says_nothing_of_the_others_delay(
 ) -> None:
     """Its delay is not fitted: what all the others are late by is no shorter for it."""
     true_crane, simulated_run = make_run
-    run = simulated_run(replace(true_crane(), command_delay_s=1.6 * CYCLE_S), 18.0)
+    run = simulated_run(replace(true_crane(), command_delay_s=1.6 * CYCLE_S), 13.0)
     p_a, p_b = run.p_a.copy(), run.p_b.copy()
     p_a[:, 1] = p_b[:, 1] = np.nan
     work = lay_out(replace(run, p_a=p_a, p_b=p_b))
@@ -227,7 +227,7 @@ def test_spools_that_lag_stay_as_they_are(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:
     true_crane, simulated_run = make_run
-    work = lay_out(simulated_run(replace(true_crane(), effects=LAGS), 18.0))
+    work = lay_out(simulated_run(replace(true_crane(), effects=LAGS), 13.0))
     contest, lags, whole = _lagging(work, LAGS)
     found, after = as_one_delay(contest, lags, whole)
     assert found == lags
@@ -246,7 +246,7 @@ def test_a_lag_is_told_from_its_valves_delay(
 ) -> None:
     """From beside the valley a fit stays halfway; from the other valve's delay it arrives."""
     true_crane, simulated_run = make_run
-    work = lay_out(simulated_run(replace(true_crane(), effects=LAGS[:1]), 18.0))
+    work = lay_out(simulated_run(replace(true_crane(), effects=LAGS[:1]), 13.0))
     noise = fit(work.training, _with(work, LAGS[:1]), passes=8).bench.noise
     quick = replace(LAGS[0], parameters={"frequency": 140.0, "damping": 1.95})
     beside = _with(work, [quick])
@@ -272,7 +272,7 @@ def test_a_delay_that_the_robot_file_states_is_the_bases(make_run: Make) -> None
     true_crane, simulated_run = make_run
     truth = replace(true_crane(), command_delay_s=10.0 * CYCLE_S)
     stated = replace(load_robot("xs031"), command_delay_s=10.0 * CYCLE_S)
-    given = replace(simulated_run(truth, 18.0).recording(), robot=stated)
+    given = replace(simulated_run(truth, 13.0).recording(), robot=stated)
     (source,) = sources_of([given])
     work = residuals(stated, [source], [], [survey_source(source, stated)], DiagnosisSettings())
     assert work is not None

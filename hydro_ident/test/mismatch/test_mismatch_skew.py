@@ -51,7 +51,7 @@ LATE = EffectSpec("pressure_delay", "xs031", {"delay": STEP_S})
 def _run(make_run: Make, skews_s: Any, *effects: EffectSpec) -> Any:
     """A machine with some effects, whose pressures of chambers a and b are read a little late."""
     true_crane, simulated_run = make_run
-    run = simulated_run(replace(true_crane(), effects=effects), 18.0)
+    run = simulated_run(replace(true_crane(), effects=effects), 13.0)
     p_a, p_b = (
         p - s * np.gradient(p, STEP_S, axis=0)
         for p, s in zip((run.p_a, run.p_b), np.broadcast_to(skews_s, 2), strict=True)

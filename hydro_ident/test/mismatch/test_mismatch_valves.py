@@ -30,7 +30,7 @@ BENT = EffectSpec("valve_gain_nonlinearity", "lift_valve", {"progression": 0.6, 
 def bent(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
     """A machine whose lift valve opens more than half as much again per volt beyond a knee."""
     true_crane, simulated_run = make_run
-    return lay_out(simulated_run(replace(true_crane(), effects=(BENT,)), 18.0))
+    return lay_out(simulated_run(replace(true_crane(), effects=(BENT,)), 13.0))
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
@@ -84,7 +84,7 @@ def test_what_is_next_to_all_that_is_left_is_no_flaw_of_the_valves_form(
     true_crane, simulated_run = make_run
     more = EffectSpec("valve_gain_nonlinearity", "lift_valve", {"progression": 0.8})
     dead = EffectSpec("dead_volume", "lift_cylinder", {"volume_a": 3e-4, "volume_b": 0.0})
-    work = lay_out(simulated_run(replace(true_crane(), effects=(more, dead)), 18.0))
+    work = lay_out(simulated_run(replace(true_crane(), effects=(more, dead)), 13.0))
     found = _searched(work).named
     assert [n.names for n in found] == [("valve_gain_nonlinearity",), ("dead_volume",)]
     assert found[1].term.parameters[0] == pytest.approx(3e-4, rel=0.05)
@@ -98,7 +98,7 @@ def test_nothing_of_a_null_biass_form_is_left_to_look_like_air(
     true_crane, simulated_run = make_run
     off = EffectSpec("valve_null_bias", "lift_valve", {"bias": 0.06})
     foamy = EffectSpec("entrained_air", "lift_cylinder", {"fraction": 0.01})
-    work = lay_out(simulated_run(replace(true_crane(), effects=(off, foamy)), 18.0))
+    work = lay_out(simulated_run(replace(true_crane(), effects=(off, foamy)), 13.0))
     found = _searched(work).named
     assert [n.names for n in found] == [("valve_null_bias",), ("entrained_air",)]
     assert found[1].term.parameters[0] == pytest.approx(0.01, rel=0.05)
@@ -110,7 +110,7 @@ def test_a_load_holding_valve_of_a_low_pilot_ratio_is_found(
     true_crane, simulated_run = make_run
     values = {"restriction": 3.0, "setting": 1.7e7, "range": 8.0e6, "pilot_ratio": 1.0}
     spec = EffectSpec("counterbalance_valve", "lift_cylinder/a", values)
-    search = _searched(lay_out(simulated_run(replace(true_crane(), effects=(spec,)), 18.0)))
+    search = _searched(lay_out(simulated_run(replace(true_crane(), effects=(spec,)), 13.0)))
     assert ("counterbalance_valve",) in [n.names for n in search.named]
     [term] = [n.term for n in search.named if n.names == ("counterbalance_valve",)]
     assert term.target == "lift_cylinder/a"
@@ -155,7 +155,7 @@ def test_an_overlap_of_a_third_of_the_command_is_found(
 ) -> None:
     """As pilot valves have that are driven by a current; up to 0.3 was taken for possible."""
     true_crane, simulated_run = make_run
-    run = simulated_run(true_crane(), 18.0)
+    run = simulated_run(true_crane(), 13.0)
     # The commands of a driver whose valve answers beyond 0.36 to either side alone.
     signal = run.voltage / 10.0
     volts = 10.0 * np.where(signal == 0.0, 0.0, signal + np.copysign(0.36, signal))

@@ -27,8 +27,8 @@ def crane() -> Robot:
 
 @pytest.fixture(scope="module")
 def motion(crane: Robot) -> Motion:
-    """Twelve seconds of both joints, with pauses, quick and slow."""
-    t = np.arange(0.0, 12.0, 2e-3)[:, None]
+    """Nine seconds of both joints, with pauses, quick and slow."""
+    t = np.arange(0.0, 9.0, 2e-3)[:, None]
     fade = np.clip(t / 1.5, 0.0, 1.0) ** 2 * (3.0 - 2.0 * np.clip(t / 1.5, 0.0, 1.0))
     pause = np.where((t > 6.0) & (t < 7.0), 0.0, 1.0)
     rate = fade * pause * np.array([0.22, 0.4]) * np.cos(np.array([1.3, 1.9]) * t)
