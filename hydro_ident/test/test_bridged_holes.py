@@ -162,6 +162,7 @@ def test_lost_messages_change_no_result(recording: Recording) -> None:
         assert other.value == pytest.approx(one.value, abs=allowed), one.name
 
 
+@pytest.mark.thorough
 def test_an_effect_is_found_where_messages_are_lost(crane_run: Any, make_run: Any) -> None:
     true_crane, simulated_run = make_run
     friction = EffectSpec("coulomb_friction", "tilt_cylinder", {"force": 400.0})

@@ -157,6 +157,7 @@ def test_a_machine_that_equals_its_structure_matches(matching: Diagnosis) -> Non
         assert channel.after == pytest.approx(channel.before)
 
 
+@pytest.mark.thorough
 def test_what_every_machine_has_is_modelled_and_noted_but_no_finding(
     runs: tuple, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -373,6 +374,7 @@ def test_unreadable_input_writes_nothing(
         run(arguments[1:])
 
 
+@pytest.mark.thorough
 def test_a_payload_is_told_against_a_fixed_base_alone(
     make_run: tuple, matching: Diagnosis
 ) -> None:

@@ -176,7 +176,7 @@ def diagnosed_bags(
     return run
 
 
-@pytest.mark.parametrize("late_s", [-1.6e-3, 4.0e-3])
+@pytest.mark.parametrize("late_s", [pytest.param(-1.6e-3, marks=pytest.mark.thorough), 4.0e-3])
 def test_torques_that_are_read_early_or_late_are_no_physics(
     diagnosed: Callable[..., dict[str, Any]], late_s: float
 ) -> None:

@@ -51,6 +51,7 @@ def test_spools_that_all_lag_are_no_delay_of_the_commands(diagnosed: Diagnosed) 
         assert damping / frequency == pytest.approx(0.8 / 15.0, rel=0.15)
 
 
+@pytest.mark.thorough
 def test_a_mode_is_found_wherever_its_frequency_lies(diagnosed: Diagnosed) -> None:
     """Half an octave beside what is usual nothing of a mode that hardly is damped is seen."""
     mode = {"inertia": 250.0, "frequency": 7.1, "damping": 0.03}
@@ -73,6 +74,7 @@ def test_a_hinge_in_a_link_is_one_mode_that_all_joints_feel(diagnosed: Diagnosed
     assert place == pytest.approx(0.4, abs=0.1)
 
 
+@pytest.mark.thorough
 def test_pins_whose_contacts_bend_are_pins(diagnosed: Diagnosed) -> None:
     """How a law turns around says more than its load does, and is no cause of its own."""
     pins = {"radius": 4e-3, "distance": 8e-5}
@@ -86,6 +88,7 @@ def test_pins_whose_contacts_bend_are_pins(diagnosed: Diagnosed) -> None:
     assert left < 1.5 * forces.noise_floor
 
 
+@pytest.mark.thorough
 def test_a_ground_is_one_finding_at_all_joints(diagnosed: Diagnosed) -> None:
     ground = {"stiffness": 6.0e3, "height": -1.4}
     _told_as_ground(

@@ -81,6 +81,7 @@ def test_auto_turns_robust_where_samples_stand_out(robot: Robot) -> None:
         assert values[f"{valve.name}.c_pa"].value == pytest.approx(valve.c_pa, rel=0.02)
 
 
+@pytest.mark.thorough
 def test_outliers_of_a_recording_that_validates_are_no_error_of_the_model(robot: Robot) -> None:
     good = synthetic_recording(robot, 20.0, 1)
     other = synthetic_recording(robot, 20.0, 2)

@@ -174,6 +174,7 @@ def test_robust_weights_do_without_a_joint_torque(short_run, identify_bag) -> No
     assert set(result["channels"]) == {"lift/torque"}
 
 
+@pytest.mark.thorough
 def test_robust_weights_do_with_a_channel_of_one_bag_alone(
     short_run, identify_bag, write_bag
 ) -> None:

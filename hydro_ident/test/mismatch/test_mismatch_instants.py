@@ -300,6 +300,7 @@ def test_a_load_that_comes_later_than_the_other_recording_ends_is_verified_there
     assert 0.0 != found.placebo < 0.5
 
 
+@pytest.mark.thorough
 def test_a_load_is_picked_up_and_put_down(
     make_run: tuple[Callable[..., Robot], Callable[..., Any]],
 ) -> None:

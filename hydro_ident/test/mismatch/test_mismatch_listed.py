@@ -138,6 +138,7 @@ def test_shapes_that_took_up_what_was_not_named_go_back_once_it_is(
     assert found.model.delays_s[0] == pytest.approx(1.4e-3, abs=1.5e-4)
 
 
+@pytest.mark.thorough
 def test_an_answer_has_them_back(slow_valves: Callable[..., Residuals]) -> None:
     work = slow_valves(_lag(60.0, 0.9, "lift"), _lag(9.0, 0.8, "tilt"), biased=True)
     answer = answered(work, base_to_search(work))

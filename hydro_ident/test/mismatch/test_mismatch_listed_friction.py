@@ -52,6 +52,7 @@ def test_no_other_friction_is_found_beside_it(bent: Residuals) -> None:
     assert not answer.unknown
 
 
+@pytest.mark.thorough
 def test_a_bend_that_the_base_does_not_show_is_none_once_it_is_found(bent: Residuals) -> None:
     """As where a load that is picked up hides it."""
     training, (bristle,) = bent.training, bent.base.model.terms

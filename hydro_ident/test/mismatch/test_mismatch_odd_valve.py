@@ -50,6 +50,7 @@ def test_the_bases_delay_hides_it(late: Residuals) -> None:
     assert odd_valve(late.training, whole) == TILT
 
 
+@pytest.mark.thorough
 def test_it_is_found_as_what_makes_a_valve_late(late: Residuals) -> None:
     answer = answered(late, late.base)
     (finding,) = answer.findings

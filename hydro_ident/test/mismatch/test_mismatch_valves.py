@@ -104,6 +104,7 @@ def test_nothing_of_a_null_biass_form_is_left_to_look_like_air(
     assert found[1].term.parameters[0] == pytest.approx(0.01, rel=0.05)
 
 
+@pytest.mark.thorough
 def test_a_load_holding_valve_of_a_low_pilot_ratio_is_found(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:
@@ -150,6 +151,7 @@ def test_a_spool_is_as_late_here_as_where_its_numbers_are_fitted(
     assert np.abs(shaped.valve_signal - stretch.trace.valve_signal)[:, 0].max() > 0.001
 
 
+@pytest.mark.thorough
 def test_an_overlap_of_a_third_of_the_command_is_found(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:
