@@ -55,8 +55,7 @@ _FINE = {
 }
 #: Factors of such a frequency between those tried, half of the way to the next ones.
 _BETWEEN = tuple(2.0 ** (k / 18.0) for k in range(-3, 4))
-#: Of late pressures and commands: what lateness does to quick reversals is no multiple of a
-#: shorter one.
+#: Of late pressures: what lateness does to quick reversals is no multiple of a shorter one.
 _LATE_FACTORS = (1.0, 2.0, 4.0)
 
 
@@ -191,9 +190,9 @@ def _single(effect: Effect, spec: ParameterSpec) -> list[float] | None:
         return [0.0]
     if not effect.linear and spec is effect.parameters[effect.sizes[0]] and is_signed(effect):
         return [spec.typical]
-    if effect.name in ("pressure_delay", "command_delay"):
+    if effect.name == "pressure_delay":
         return [f * spec.typical for f in _LATE_FACTORS]
-    if effect.reading is not None:
+    if effect.name == "command_delay" or effect.reading is not None:
         return [spec.typical]
     return None
 
