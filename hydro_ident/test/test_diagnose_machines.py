@@ -264,6 +264,7 @@ def test_a_spool_of_a_few_hertz_lags(diagnosed: Diagnosed) -> None:
     assert found.findings[0].named.term.parameters == pytest.approx([2.5, 0.8], rel=0.15)
 
 
+@pytest.mark.thorough
 def test_one_valve_that_is_late_is_a_delay_of_that_valve(diagnosed: Diagnosed) -> None:
     """No lag of its spool, and no delay of all; of so little a lag may be in the set."""
     delay_s = 0.006

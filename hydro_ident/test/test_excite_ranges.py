@@ -96,7 +96,10 @@ def test_no_pose_is_one_line(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("start", [(), ("--start-joints", "0.5", "0.8", "-1.2")])
+@pytest.mark.parametrize(
+    "start",
+    [(), pytest.param(("--start-joints", "0.5", "0.8", "-1.2"), marks=pytest.mark.thorough)],
+)
 def test_a_slew_without_an_end_has_an_experiment(
     start: tuple[str, ...],
     tmp_path: Path,
