@@ -42,16 +42,17 @@ def spike_sizes(values: FloatArray, lone: bool = False) -> FloatArray:
     beyond = 2.0 * _end(values[::-1]) - values[-2 : -_REACH - 2 : -1]
     padded = np.concatenate([mirrored, values, beyond])
     first, second = np.diff(padded), np.diff(padded, 2)
-    windows = np.lib.stride_tricks.sliding_window_view
     # Differences from t - REACH to t + REACH around every sample t.
-    speed = np.median(windows(first, 2 * _REACH), axis=1)
-    bend = np.median(windows(second, 2 * _REACH - 1), axis=1)
+    speed = running_median(first, 2 * _REACH)
+    bend = running_median(second, 2 * _REACH - 1)
     predictions = [
         padded[_REACH + j : _REACH + j + values.size] - j * speed - 0.5 * j * j * bend
         for j in (-3, -2, -1, 1, 2, 3)
     ]
     if not lone:
-        sizes = np.asarray(np.abs(values - np.median(predictions, axis=0)))
+        # As `np.median(predictions, axis=0)`.
+        every = np.stack(predictions, axis=1).ravel()
+        sizes = np.abs(values - _ranks(every, len(predictions), 2, 3, len(predictions)))
         return _beyond_neighbours(sizes, values)
     sides = np.median(np.reshape(predictions, (2, 3, values.size)), axis=1)
     above, below = values - sides.max(axis=0), sides.min(axis=0) - values
@@ -87,9 +88,33 @@ def _beyond_neighbours(sizes: FloatArray, values: FloatArray) -> FloatArray:
 def _around(sizes: FloatArray) -> FloatArray:
     """What is usual before each sample or behind it, on the side where that is more."""
     padded = np.pad(sizes, _BESIDE, mode="reflect")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, _BESIDE)
-    usual = np.partition(windows, _USUAL, axis=1)[:, _USUAL]
+    usual = _ranks(padded, _BESIDE, _USUAL, _USUAL)
     return np.asarray(np.maximum(usual[: sizes.size], usual[_BESIDE + 1 :]))
+
+
+def running_median(values: FloatArray, width: int) -> FloatArray:
+    """Median of every so many samples in a row.
+
+    Parameters
+    ----------
+    values : (N,) array
+        Finite.
+    width : int
+        At most N.
+
+    Returns
+    -------
+    (N - width + 1,) array
+    """
+    return _ranks(values, width, (width - 1) // 2, width // 2)
+
+
+def _ranks(values: FloatArray, width: int, low: int, high: int, step: int = 1) -> FloatArray:
+    from hydro_ident.estimate.signals.rank_kernels import running_ranks
+
+    result = np.empty((values.size - width) // step + 1)
+    running_ranks(np.ascontiguousarray(values), width, step, low, high, result)
+    return result
 
 
 def _end(values: FloatArray) -> float:

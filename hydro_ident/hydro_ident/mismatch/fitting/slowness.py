@@ -133,10 +133,10 @@ def _balances(
 ) -> _Balances | None:
     windows = choices.windows(min(t.step_s for t in traces))
     material = material_of(
-        robot, forces, traces, choices.filters, windows, still, choices.rest_speed
-    )
-    flows = np.array([material.is_flow(k) for k in range(len(material.channels))], dtype=np.bool_)
-    rows = flows[material.channel] & telling(material, signals) & material.masks(split)[0]
+        robot, forces, traces, choices.filters, windows, still, choices.rest_speed,
+        flows_alone=True,
+    )  # fmt: skip
+    rows = telling(material, signals) & material.masks(split)[0]
     if np.count_nonzero(rows) < _LEAST_ROWS * len(robot.cylinders):
         return None
     predictor = Predictor(material)

@@ -38,6 +38,7 @@ def material_of(
     still: Mapping[str, Mapping[int, float]],
     rest_speed: FloatArray | None = None,
     beside: Sequence[Trace] = (),
+    flows_alone: bool = False,
 ) -> Material:
     """Lay out the rows of some traces.
 
@@ -55,6 +56,8 @@ def material_of(
     rest_speed : (n,) array, optional
     beside : sequence of Trace, optional
         What laws are found in, where that is more: a balance has rows where they are known, too.
+    flows_alone : bool
+        Without the rows of forces.
 
     Returns
     -------
@@ -65,7 +68,8 @@ def material_of(
         replace(_stretch(robot, t, filters, own, still, paired), number=k)
         for k, (t, own) in enumerate(zip(traces, _windows(windows, traces), strict=True))
     )
-    kinds = [*_force_kinds(forces, stretches), *_flow_kinds(robot, stretches)]
+    of_forces = [] if flows_alone else _force_kinds(forces, stretches)
+    kinds = [*of_forces, *_flow_kinds(robot, stretches)]
     names = tuple(dict.fromkeys(t.recording for t in traces))
     laid = _laid_out(forces, stretches, kinds)
     sizes = np.cumsum([0, *(kept.size for _, _, kept in laid)])
