@@ -57,8 +57,7 @@ def _write_bag(
     **options: object,
 ) -> Path:
     count = max(len(next(iter(fields.values()))) for _, fields in columns.values())
-    if stamps is None:
-        stamps = START_NS + PERIOD_NS * np.arange(count)
+    stamps = START_NS + PERIOD_NS * np.arange(count) if stamps is None else stamps
     with BagWriter(folder / name, **options) as writer:  # type: ignore[arg-type]
         for topic, (names, _) in columns.items():
             writer.add_topic(topic, JOINT_STATE if names else POINT_STAMPED)
@@ -145,19 +144,16 @@ class SimulatedRun:
         gauge = np.zeros((count, 6))
         gauge[:, 0:4:2], gauge[:, 1:4:2] = self.p_a, self.p_b
         gauge[:, 4], gauge[:, 5] = robot.supply_pressure_pa, robot.tank_pressure_pa
+        absolute = gauge + robot.atmospheric_pressure_pa
         return {
             "/joint_states": (robot.joint_names, {"position": self.q}),
-            "/chamber_pressures": (
-                robot.pressure_names,
-                {"effort": gauge + robot.atmospheric_pressure_pa},
-            ),
+            "/chamber_pressures": (robot.pressure_names, {"effort": absolute}),
             "/valve_state": (robot.valve_names, {"effort": self.voltage}),
         }
 
     def recording(self, name: str = "run", **changes: object) -> Recording:
         """The run as a recording under the reference crane's robot file, some fields changed."""
-        count = len(self.q)
-        rail = np.ones(count)
+        count, rail = len(self.q), np.ones(len(self.q))
         given = Recording(
             path=Path(name), robot=load_robot("xs031"), period_s=PERIOD_NS * 1e-9,
             stamp_ns=START_NS + PERIOD_NS * np.arange(count), q=self.q, stroke=None, effort=None,
@@ -390,8 +386,7 @@ def small_blocks(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
 @pytest.fixture
 def known(monkeypatch: pytest.MonkeyPatch) -> list[Known]:
     """What was taken for granted in each passage over a bag."""
-    met: list[Known] = []
-    passage = stretches.Passage
+    met, passage = list[Known](), stretches.Passage
 
     def noted(*arguments: Any) -> stretches.Passage:
         made = passage(*arguments)

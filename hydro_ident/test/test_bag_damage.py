@@ -91,22 +91,19 @@ def _message(k: int) -> bytes:
     return encode(JOINT_STATE, _stamp(k), {"position": _values(k)}, names=NAMES)
 
 
+#: Whatever else a writer leaves out that has no checksums: tables of what the file holds.
+_LEFT_OUT = (
+    "use_summary_offsets", "use_statistics", "repeat_channels", "repeat_schemas", "enable_crcs",
+    "enable_data_crcs",
+)  # fmt: skip
+
+
 def _foreign_bag(path: Path, chunked: bool) -> Path:
     """A file without any checksum."""
+    plain = {"compression": CompressionType.NONE, "index_types": IndexType.NONE}
+    off = dict.fromkeys(_LEFT_OUT, False)
     with open(path, "wb") as stream:
-        writer = Writer(
-            stream,
-            chunk_size=300,
-            use_chunking=chunked,
-            compression=CompressionType.NONE,
-            index_types=IndexType.NONE,
-            use_summary_offsets=False,
-            use_statistics=False,
-            repeat_channels=False,
-            repeat_schemas=False,
-            enable_crcs=False,
-            enable_data_crcs=False,
-        )
+        writer = Writer(stream, chunk_size=300, use_chunking=chunked, **plain, **off)
         writer.start(profile="ros2", library="other")
         _fill(writer)
     return path

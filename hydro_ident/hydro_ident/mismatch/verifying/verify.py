@@ -19,6 +19,7 @@ import numpy as np
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.fitting.training import Training
+from hydro_ident.mismatch.fitting.whitening import Noise
 from hydro_ident.mismatch.naming.instants import at_own_instants
 from hydro_ident.mismatch.naming.named import Named, untold_by_few
 from hydro_ident.mismatch.naming.placebos import placebo_residuals
@@ -146,9 +147,7 @@ def verify(
     dear = instants / FURTHER**named.refused
     looks = [looked(one, plain, with_it, placebos, acting, dear) for one in (ahead, behind)]
     looks = paid_for(looks, instants)
-    plainly = PLAIN * max(named.spread, 1.0)
-    own = whole.bench.noise.whitened(training.layout, here[training.mask])
-    own = own[whole.bench.noise.settled(training.layout)]
+    plainly, own = PLAIN * max(named.spread, 1.0), _whitened(training, whole.bench.noise, here)
     met = meets(check, acting) and exercised((ahead, behind), own, elsewhere, plainly)
     best, silent, against = judged(looks, named, met)
     against = against or unpredicted(looks[0], acting, silent)
@@ -166,6 +165,12 @@ def verify(
     sides = best.paid, *looks[0].sides, best.placebo
     quiet = bool(idle) and reason == idle
     return Verification(*sides, not reason, reason, agreement, silent, bool(going), quiet)
+
+
+def _whitened(training: Training, noise: Noise, column: FloatArray) -> FloatArray:
+    """A column (N,) of all rows on the training rows, in units of their noise."""
+    white = noise.whitened(training.layout, column[training.mask])
+    return white[noise.settled(training.layout)]
 
 
 def _comes_and_goes(training: Training, without: Fitted, column: FloatArray) -> str:
