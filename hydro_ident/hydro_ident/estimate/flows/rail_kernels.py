@@ -33,6 +33,9 @@ from hydro_model.robot import FloatArray
 _STAGE = 1.0 - math.sqrt(0.5)
 #: A step is no longer than this share of the quickest law's lag: rails are true to 0.2 %.
 _LONGEST = 0.25
+#: No more steps than that from sample to sample, where a lag of half an interval has it: a
+#: quicker one is over by the next sample, and of a change in between 1e-3 is out of place at most.
+_MOST = 8
 #: Looks for a rail that agrees with its flow, at most, and the difference that ends them, Pa.
 _PASSES, _ENOUGH_PA = 64, 1e-3
 
@@ -270,7 +273,7 @@ def follow_rails(
     quickest = 0.0
     for j in range(laws.slope.shape[0]):
         quickest = max(quickest, abs(laws.slope[j]))
-    count = max(1, math.ceil(sample_s * quickest / _LONGEST))
+    count = min(max(1, math.ceil(sample_s * quickest / _LONGEST)), _MOST)
     length, last = 1.0 / count, lines.supply.shape[0] - 1
     for k in range(last + 1):
         _look(lines, now, k, 0.0)
