@@ -152,7 +152,9 @@ def test_lockstep_does_not_depend_on_how_busy_the_machine_is(
 
 
 # Ctrl-C is tried with the commands of the README (test_docs_tour.py).
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.thorough)]
+)
 def test_stopping_the_script_ends_every_child_with_the_valves_at_zero(
     number: signal.Signals, tmp_path: Path
 ) -> None:

@@ -11,6 +11,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from hydro_ident.bench.limits import EMPTY, HELP, INSPECTED
 from hydro_ident.study.fuzz.targets import TARGETS
 
@@ -37,6 +39,7 @@ def test_faults_are_injected_and_no_promise_is_broken(tmp_path: Path) -> None:
     assert "wall_time" not in found
 
 
+@pytest.mark.thorough
 def test_the_benchmark_times_a_group_and_writes_it_down(tmp_path: Path) -> None:
     script = f"{ROOT}/scripts/bench.sh"
     said = said_by(tmp_path, script, "--only", "start", "--rounds", "1", "--json", "bench.json")

@@ -124,6 +124,7 @@ def hold(rubbing: float, overlap: float) -> Run:
     return drive(truth, model, path, 2.0 + 0.5 + HOLD_S)
 
 
+@pytest.mark.thorough
 def test_half_the_parallelogram_is_followed_four_times_better() -> None:
     truth, path = random_truth(ROBOT, SEED), load_path("xs031/parallelogram")
     before = drive(truth, base_model(truth), path, 9.0).error_m

@@ -309,6 +309,7 @@ def test_masses_and_tilt_are_the_models() -> None:
     np.testing.assert_allclose(loaded.required_force_n - plain.required_force_n, weight, rtol=1e-6)
 
 
+@pytest.mark.thorough
 def test_what_is_listed_is_not_estimated_again(
     slow_swing: Callable[[float, FloatArray], tuple[FloatArray, FloatArray, FloatArray]],
 ) -> None:

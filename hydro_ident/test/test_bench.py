@@ -84,6 +84,7 @@ def test_memory_is_that_of_processes_which_do_the_fit(tmp_path: Path) -> None:
     assert row.ratio == row.theirs / row.ours
 
 
+@pytest.mark.thorough
 def test_a_diagnosis_says_when_it_had_named(tmp_path: Path) -> None:
     one = diagnosed(tmp_path, 0.2)
     assert 0.0 < one.named_s < one.seconds
@@ -195,6 +196,7 @@ def test_the_echo_answers_the_rig() -> None:
     assert all(0.0 <= share < 2.0 for share in one.core_share.values())
 
 
+@pytest.mark.thorough
 @pytest.mark.ros
 def test_a_soak_counts_every_cycle_and_watches_every_process() -> None:
     with unless_too_busy():

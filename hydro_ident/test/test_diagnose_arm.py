@@ -176,7 +176,8 @@ def diagnosed_bags(
     return run
 
 
-@pytest.mark.parametrize("late_s", [pytest.param(-1.6e-3, marks=pytest.mark.thorough), 4.0e-3])
+@pytest.mark.thorough
+@pytest.mark.parametrize("late_s", [-1.6e-3, 4.0e-3])
 def test_torques_that_are_read_early_or_late_are_no_physics(
     diagnosed: Callable[..., dict[str, Any]], late_s: float
 ) -> None:
@@ -206,6 +207,7 @@ def test_an_arm_that_is_its_description_matches(diagnosed: Callable[..., dict[st
         assert channel["rmse_before"] == pytest.approx(channel["noise_floor"], rel=0.15)
 
 
+@pytest.mark.thorough
 def test_a_rotor_and_dry_friction_are_found(
     diagnosed_bags: Callable[..., dict[str, Any]],
 ) -> None:

@@ -62,6 +62,7 @@ def test_a_mode_is_found_wherever_its_frequency_lies(diagnosed: Diagnosed) -> No
     assert frequency == pytest.approx(7.1, rel=0.03)
 
 
+@pytest.mark.thorough
 def test_a_hinge_in_a_link_is_one_mode_that_all_joints_feel(diagnosed: Diagnosed) -> None:
     """It is told how far along the link it is, and nothing is left for the joint behind it."""
     hinge = {"inertia": 2500.0, "frequency": 4.5, "damping": 0.05, "carried": 1.0, "place": 0.4}

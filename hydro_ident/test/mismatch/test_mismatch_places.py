@@ -118,6 +118,7 @@ def test_a_delay_goes_to_the_end_of_its_range_and_no_further(laid_crane: Residua
     assert given_steps(work.training, model, step)[columns[0]] == pytest.approx(-now)
 
 
+@pytest.mark.thorough
 def test_a_temperature_that_only_some_recordings_have_is_left_aside(
     crane_run: Any, make_run: tuple[Callable[..., Any], Callable[..., Any]]
 ) -> None:
