@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from hydro_ident.mismatch.answer.cancelling import cancelled
 from hydro_ident.mismatch.answer.contributing import acting_channels, without_these
 from hydro_ident.mismatch.answer.outcome import Finding
 from hydro_ident.mismatch.answer.spoilt import made_worse
@@ -70,7 +71,7 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
         there = fitted_there(work.training, work.check, whole)
         found = [_checked(work, whole, there, n, len(search.scanned)) for n in named]
         failed = [f for f in found if not f.verification.stands]
-        failed = failed or made_worse(work, whole, found)
+        failed = failed or cancelled(work, whole, found) or made_worse(work, whole, found)
         if not failed:
             return whole, found, rejected
         # The worse half at a time: what fails beside a wrong effect may stand without it.

@@ -28,7 +28,7 @@ from hydro_model.robot import FloatArray
 
 #: Effects of where a machine is, not of how it moves: what a drifting transducer does, too, and
 #: the share of a usual drift from which they count.
-_STATIC = frozenset(
+STATIC = frozenset(
     {
         "base_tilt", "constant_force_offset", "counterbalance_spring", "encoder_offset",
         "joint_coupling", "payload_change", "pressure_sensor_bias", "pressure_sensor_gain",
@@ -99,7 +99,7 @@ def worthy(
     if all(s < (of_flows if material.is_flow(k) else PRECISION) for k, s in shares.items()):
         return False
     drifts = {k: drift_of(material, k) for k in acting}
-    if active.effect.name in _STATIC and all(
+    if active.effect.name in STATIC and all(
         not material.is_flow(k) and rms(fresh[channel == k]) < _STATIC_SHARE * drifts[k]
         for k in acting
     ):
