@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid
+from scipy.optimize import brentq
 from scipy.signal import lti, step
 
 from hydro_model.effects import CATALOGUE, Stage
@@ -285,7 +286,7 @@ def test_line_passes_flow_on_as_the_second_order_system() -> None:
     s[1:, sig.VALVE_FLOW_A] = 1e-4
     law = CATALOGUE["line_dynamics"]
     omega, inertance = 2.0 * np.pi * 40.0, 1.0e6
-    hose = [inertance, 1.0 / (inertance * omega**2), 0.3]
+    hose = [inertance, 1.0 / (inertance * omega**2), 0.3, 0.0]
     s[:, sig.SUPPLY_PRESSURE] = 1.0e15  # no pressure of the hose's changes the edge's flow
     lag = law.evaluate(s, hose, Stage.FLOW_A, STEP)
     fine = np.arange(199 * _FINE + 1) * STEP / _FINE
@@ -304,14 +305,29 @@ def test_moving_a_hoses_oil_takes_from_the_drop_at_the_edge(sign: float) -> None
     s[:, sig.VALVE_FLOW_A] = sign * (1e-4 + rate * STEP * np.arange(500))
     s[:, sig.SUPPLY_PRESSURE], s[:, sig.PRESSURE_A] = 2.0e7, 1.0e7
     s[:, sig.TANK_PRESSURE] = 0.0
-    hose, law = [inertance, 1.0e-14, 0.7], CATALOGUE["line_dynamics"]
+    hose, law = [inertance, 1.0e-14, 0.7, 0.0], CATALOGUE["line_dynamics"]
     change = law.evaluate(s, hose, Stage.FLOW_A, STEP)[-1]
     flow = s[-1, sig.VALVE_FLOW_A]
     s[:, [sig.SUPPLY_PRESSURE, sig.TANK_PRESSURE]] = 1.0e15, -1.0e15
     lag = law.evaluate(s, hose, Stage.FLOW_A, STEP)[-1]
     # In either direction oil that is to be moved faster pushes back at the valve.
     exact = flow * np.sqrt(1.0 - inertance * rate / 1.0e7) - flow
-    assert change - lag == pytest.approx(exact, rel=0.01)
+    assert change - lag == pytest.approx(exact, rel=1e-6)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_hose_that_resists_takes_what_its_own_flow_loses(sign: float) -> None:
+    """Steady flow through edge and hose in series, as scipy solves it."""
+    s, resistance, drop = rows(500), 5.0e9, 1.0e7
+    s[:, sig.VALVE_FLOW_A] = flow = sign * 4e-4
+    s[:, sig.SUPPLY_PRESSURE], s[:, sig.PRESSURE_A] = 2.0e7, 1.0e7
+    change = CATALOGUE["line_dynamics"].evaluate(
+        s, [1.0e6, 1.0e-14, 0.7, resistance], Stage.FLOW_A, STEP
+    )[-1]
+    edge = 4e-4 / np.sqrt(drop)
+    through = brentq(lambda q: q - edge * np.sqrt(drop - resistance * q), 0.0, 4e-4)
+    assert through < 0.92 * 4e-4
+    assert flow + change == pytest.approx(sign * through, rel=1e-6)
 
 
 def test_cavity_holds_the_pressure_up_and_collapses_again(make_slider) -> None:

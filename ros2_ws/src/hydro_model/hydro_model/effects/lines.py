@@ -22,6 +22,7 @@ from hydro_model.effects.signals import (
     VALVE_FLOW_A,
     VALVE_FLOW_B,
 )
+from hydro_model.numerics.kernel import inlined
 
 #: Time in which a cavity collapses once the pressure is up again, s.
 COLLAPSE_TIME_S = 0.002
@@ -30,25 +31,35 @@ COLLAPSE_PRESSURE_PA = 1.0e4
 #: Drop at an edge below which a hose's pressure changes its flow no more, Pa.
 LEAST_DROP_PA = 1.0e5
 #: Largest share of an edge's flow that a hose's pressure gives or takes.
-MOST_RAISED = 0.5
+MOST_TAKEN = 0.5
+
+
+@inlined
+def _left(flow: float, drop: float, moved: float, resistance: float) -> float:
+    """What an edge's flow keeps of itself where a hose takes a part of its drop.
+
+    From ``y^2 = 1 - (L q_c' + R y |q|) / dp``: the flow goes with the root of what is left.
+    """
+    most = max(drop, LEAST_DROP_PA)
+    r = resistance * abs(flow) / most
+    root = math.sqrt(max(r * r + 4.0 * (1.0 - moved / most), 0.0))
+    return min(max(0.5 * (root - r), 1.0 - MOST_TAKEN), 1.0 + MOST_TAKEN)
 
 
 def _behind_a(s: Row, p: Row) -> float:
-    drop = s[SUPPLY_PRESSURE] - s[PRESSURE_A]
-    if s[VALVE_FLOW_A] < 0.0:
-        drop = s[PRESSURE_A] - s[TANK_PRESSURE]
-    raised = p[0] * s[STATE_1] / (2.0 * max(drop, LEAST_DROP_PA))
-    less = abs(s[VALVE_FLOW_A]) * min(max(raised, -MOST_RAISED), MOST_RAISED)
-    return s[STATE_0] - s[VALVE_FLOW_A] - less
+    flow, drop, way = s[VALVE_FLOW_A], s[SUPPLY_PRESSURE] - s[PRESSURE_A], 1.0
+    if flow < 0.0:
+        drop, way = s[PRESSURE_A] - s[TANK_PRESSURE], -1.0
+    left = float(_left(flow, drop, way * p[0] * s[STATE_1], p[3]))
+    return s[STATE_0] - flow - (1.0 - left) * flow
 
 
 def _behind_b(s: Row, p: Row) -> float:
-    drop = s[SUPPLY_PRESSURE] - s[PRESSURE_B]
-    if s[VALVE_FLOW_B] < 0.0:
-        drop = s[PRESSURE_B] - s[TANK_PRESSURE]
-    raised = p[0] * s[STATE_3] / (2.0 * max(drop, LEAST_DROP_PA))
-    less = abs(s[VALVE_FLOW_B]) * min(max(raised, -MOST_RAISED), MOST_RAISED)
-    return s[STATE_2] - s[VALVE_FLOW_B] - less
+    flow, drop, way = s[VALVE_FLOW_B], s[SUPPLY_PRESSURE] - s[PRESSURE_B], 1.0
+    if flow < 0.0:
+        drop, way = s[PRESSURE_B] - s[TANK_PRESSURE], -1.0
+    left = float(_left(flow, drop, way * p[0] * s[STATE_3], p[3]))
+    return s[STATE_2] - flow - (1.0 - left) * flow
 
 
 def _flow_a(s: Row, p: Row) -> float:
@@ -103,14 +114,17 @@ LINE_DYNAMICS = Effect(
     name="line_dynamics",
     channel="flow",
     equation="q_c'' = W^2 (q - q_c) - 2 zeta W q_c',  W = 1/sqrt(L C);  into the chamber goes"
-    " q_c - |q| L q_c' / (2 dp): the oil in the hose takes L q_c' to be moved, which the edge's"
-    " drop dp lacks",
+    " q_c - (1 - y) q,  y^2 = 1 - (L q_c' + R y q) / dp: the oil in the hose takes L q_c' to be"
+    " moved and R y q to go on, which the edge's drop dp lacks",
     source="first mode of a hose with inertance and compliance; Stecki and Davis, Proc. IMechE A"
     " 200 (1986)",
     parameters=(
         ParameterSpec("inertance", "Pa s^2/m^3", "L", 1.0e5, 1.0e10, 2.0e7),
         ParameterSpec("compliance", "m^3/Pa", "C", 1.0e-15, 1.0e-11, 1.0e-13, optional=True),
         ParameterSpec("damping", "1", "zeta", 0.01, 3.0, 0.2, optional=True),
+        ParameterSpec(
+            "resistance", "Pa s/m^3", "R", 0.0, 1.0e11, 4.0e8, optional=True, default=0.0
+        ),
     ),
     terms=(Term(Stage.FLOW_A, _behind_a), Term(Stage.FLOW_B, _behind_b)),
     states=(
@@ -123,7 +137,7 @@ LINE_DYNAMICS = Effect(
     needs_valve=True,
     looks_like=("valve_spool_lag", "pressure_delay", "structural_flexibility"),
     separating_experiment="steps of the valve with pressures sampled at 1 kHz or more",
-    limits="one mode, the same in both lines; the edge's flow follows its drop to first order",
+    limits="one mode, the same in both lines, which the edge does not damp; laminar resistance",
 )
 
 END_CUSHION = Effect(
