@@ -17,7 +17,7 @@ from hydro_control.gains import Gains
 from hydro_control.motion import motion_limits
 from hydro_control.motion.trajectory import Waypoint
 from hydro_control.node.trajectory_intake import TrajectoryIntake
-from hydro_model.motion import paths_check
+from hydro_model.motion import paths_check, paths_joints
 from hydro_model.motion.paths import JointPath
 from hydro_model.motion.paths_segments import Quintic
 from hydro_model.motion.row_pieces import ROWS
@@ -46,7 +46,7 @@ class Places:
     """Counts the places of the tip that are looked at; at the 50th something happens."""
 
     def __init__(self, happens: Callable[[], object]) -> None:
-        self.count, self._happens, self._look = 0, happens, paths_check.joints_at_tip
+        self.count, self._happens, self._look = 0, happens, paths_joints.joints_at_tip
 
     def __call__(self, *arguments: Any) -> Any:
         self.count += 1
@@ -74,7 +74,7 @@ def test_a_check_ends_with_what_makes_it_idle(
     core = ControllerCore(ROBOT, Gains())
     answered(core, 0)
     places = Places(lambda: happens(core))
-    monkeypatch.setattr(paths_check, "joints_at_tip", places)
+    monkeypatch.setattr(paths_joints, "joints_at_tip", places)
     with pytest.raises(ControlError, match=f"trajectory refused: {why} while it was checked"):
         core.requests.trajectory("tip", [ROBOT.tip_link], LONG)
     assert places.count == 50
@@ -84,7 +84,7 @@ def test_nothing_else_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
     core = ControllerCore(ROBOT, Gains())
     answered(core, 0)
     places = Places(lambda: answered(core, 1))
-    monkeypatch.setattr(paths_check, "joints_at_tip", places)
+    monkeypatch.setattr(paths_joints, "joints_at_tip", places)
     core.requests.trajectory("tip", [ROBOT.tip_link], LONG)
     assert places.count > PLACES
     answered(core, 2)
@@ -172,7 +172,7 @@ def held(monkeypatch: pytest.MonkeyPatch) -> tuple[Intake, threading.Event]:
         there.set()
         assert go.wait(PATIENCE_S)
 
-    monkeypatch.setattr(paths_check, "joints_at_tip", Places(stand))
+    monkeypatch.setattr(paths_joints, "joints_at_tip", Places(stand))
     intake.takes.take("tip", _tip(20))
     assert there.wait(PATIENCE_S)
     return intake, go

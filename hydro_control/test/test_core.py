@@ -16,7 +16,7 @@ from hydro_model.errors import RobotError
 from hydro_model.hydraulics.cylinder import lever, stroke
 from hydro_model.hydraulics.valve import edge_flows
 from hydro_model.motion.paths import JointPath, TipPath, load_path
-from hydro_model.motion.paths_check import joints_at_tip
+from hydro_model.motion.paths_joints import joints_at_tip
 from hydro_model.motion.paths_segments import Quintic
 from hydro_model.multibody.kinematics import tip_position
 from hydro_model.multibody.rigid_body import forward_dynamics, inverse_dynamics

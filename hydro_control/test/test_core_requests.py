@@ -19,7 +19,7 @@ from hydro_control.motion.reference import ReferencePlayer
 from hydro_control.motion.trajectory import Waypoint
 from hydro_model.errors import RobotError
 from hydro_model.motion.paths import JointPath, TipPath
-from hydro_model.motion.paths_check import joints_at_tip
+from hydro_model.motion.paths_joints import joints_at_tip
 from hydro_model.motion.paths_segments import Quintic
 from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot import EffectSpec, FloatArray

@@ -14,7 +14,7 @@ from hydro_control.motion.motion_limits import refuse_fast
 from hydro_control.motion.reference import ReferencePlayer
 from hydro_control.motion.trajectory import Waypoint, segments_through, waypoints_of
 from hydro_model.motion.paths import JointPath, Path, TipPath, load_path
-from hydro_model.motion.paths_check import joint_motion
+from hydro_model.motion.paths_joints import joint_motion
 from hydro_model.motion.paths_segments import Quintic
 from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot import FloatArray, Robot

@@ -28,7 +28,8 @@ from hydro_ident.design.prediction import predict
 from hydro_ident.errors import IdentError
 from hydro_ident.study.excitation import least_at_rest, repeated
 from hydro_model.motion.paths import JointPath, load_path
-from hydro_model.motion.paths_check import check_path, joint_motion
+from hydro_model.motion.paths_check import check_path
+from hydro_model.motion.paths_joints import joint_motion
 from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot import EffectSpec, Robot
 

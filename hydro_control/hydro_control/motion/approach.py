@@ -10,7 +10,7 @@ from hydro_control.errors import ControlError
 from hydro_control.motion.motion_limits import TIP_SPEED_M_S
 from hydro_control.motion.required_motion import ACCELERATION_PER_VELOCITY_1_S
 from hydro_model.motion.paths import JointPath, TipPath
-from hydro_model.motion.paths_check import joint_motion
+from hydro_model.motion.paths_joints import joint_motion
 from hydro_model.motion.paths_segments import Quintic, Segment
 from hydro_model.multibody.kinematics import tip_jacobian
 from hydro_model.robot import FloatArray, Robot

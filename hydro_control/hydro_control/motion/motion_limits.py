@@ -19,8 +19,9 @@ from hydro_control.motion.braking import DOWN, UP, braking_energies, speed_befor
 from hydro_control.motion.required_motion import JointMotion
 from hydro_model.hydraulics.cylinder import inside_stroke
 from hydro_model.motion.paths import JointPath, TipPath
-from hydro_model.motion.paths_check import always, check_times, joint_motion
-from hydro_model.motion.row_pieces import in_pieces
+from hydro_model.motion.paths_check import check_times
+from hydro_model.motion.paths_joints import joint_motion
+from hydro_model.motion.row_pieces import always, in_pieces
 from hydro_model.multibody.kinematics import tip_jacobian, tip_state
 from hydro_model.robot import FloatArray, Robot
 
@@ -188,7 +189,7 @@ def refuse_fast(
     near : (n,) array, optional
         Where joints stay that a path of joints does not name (by default mid-range).
     go_on : callable
-        As of `hydro_model.motion.paths_check.joint_motion`.
+        As of `hydro_model.motion.paths_joints.joint_motion`.
 
     Raises
     ------

@@ -20,8 +20,9 @@ from hydro_control.motion.stopping import Slowing
 from hydro_control.motion.trajectory import Waypoint, segments_through
 from hydro_model.errors import RobotError
 from hydro_model.motion.paths import JointPath, Path, TipPath
-from hydro_model.motion.paths_check import always, joints_at_tip
+from hydro_model.motion.paths_joints import joints_at_tip
 from hydro_model.motion.paths_segments import Hold, Segment
+from hydro_model.motion.row_pieces import always
 from hydro_model.multibody.kinematics import tip_position
 from hydro_model.robot import FloatArray, Robot
 

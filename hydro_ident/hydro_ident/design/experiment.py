@@ -33,7 +33,8 @@ from hydro_ident.errors import IdentError
 from hydro_model.command_line.terminal import advance
 from hydro_model.errors import RobotError
 from hydro_model.motion.paths import JointPath, TipPath, load_path, shipped_paths
-from hydro_model.motion.paths_check import PathCheck, check_path, joint_motion, joints_at_tip
+from hydro_model.motion.paths_check import PathCheck, check_path
+from hydro_model.motion.paths_joints import joint_motion, joints_at_tip
 from hydro_model.multibody.joint_ranges import middle
 from hydro_model.robot import FloatArray, Robot
 

@@ -12,7 +12,7 @@ from hydro_ident.design.program import SIZES, Entry, Program, number, numbers
 from hydro_ident.design.stages import add_static
 from hydro_ident.errors import IdentError
 from hydro_model.motion.paths import JointPath
-from hydro_model.motion.paths_check import joint_motion
+from hydro_model.motion.paths_joints import joint_motion
 from hydro_model.multibody.joint_ranges import middle
 from hydro_model.robot import FloatArray, Robot
 

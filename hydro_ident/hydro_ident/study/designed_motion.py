@@ -15,7 +15,7 @@ from hydro_ident.estimate.signals.traces import traces_of
 from hydro_ident.estimate.statistics.rows import Rows
 from hydro_ident.study.synthetic import STEP_S, synthetic_recording
 from hydro_model.motion.paths import JointPath
-from hydro_model.motion.paths_check import joint_motion
+from hydro_model.motion.paths_joints import joint_motion
 from hydro_model.robot import FloatArray, Robot
 
 LAG_S = 0.05  # of the motion behind the reference that serves as the instrument

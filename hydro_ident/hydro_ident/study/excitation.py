@@ -35,7 +35,7 @@ from hydro_ident.study.gain_choice import gains_of
 from hydro_model.command_line.command import Parser, run_command
 from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.motion.paths import JointPath, load_path
-from hydro_model.motion.paths_check import joint_motion
+from hydro_model.motion.paths_joints import joint_motion
 from hydro_model.multibody.joint_ranges import middle
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot

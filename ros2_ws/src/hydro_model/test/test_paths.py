@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from hydro_model.errors import RobotError
 from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.motion.paths import JointPath, TipPath, load_path, shipped_paths
-from hydro_model.motion.paths_check import check_path, joint_motion, joints_at_tip
+from hydro_model.motion.paths_check import check_path
+from hydro_model.motion.paths_joints import joint_motion, joints_at_tip
 from hydro_model.motion.paths_segments import Quintic, smooth_step
 from hydro_model.motion.row_pieces import ROWS, in_pieces
 from hydro_model.multibody.kinematics import tip_position

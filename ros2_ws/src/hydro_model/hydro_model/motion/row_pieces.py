@@ -14,6 +14,10 @@ from hydro_model.robot import FloatArray
 ROWS = 500
 
 
+def always() -> None:
+    """Go on: what a check asks in passing where nobody may end it."""
+
+
 def in_pieces(
     of_rows: Callable[..., FloatArray], *rows: FloatArray, go_on: Callable[[], None]
 ) -> FloatArray:
