@@ -11,7 +11,6 @@ one `step` per sample, no clock and no ROS.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +21,7 @@ from hydro_control.compensation.compensation import Compensation
 from hydro_control.compensation.compensation_plan import plan
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
-from hydro_control.law.checks import not_finite
+from hydro_control.law.checks import not_finite, not_finite_answer
 from hydro_control.law.law_arrays import OPEN_LOWER, OPEN_UPPER, SLEW, law_arrays, law_work
 from hydro_control.law.law_kernels import ROWS, Required
 from hydro_control.law.motion_kernels import limit_notes
@@ -184,14 +183,15 @@ class ControlLaw:
         Returns
         -------
         Output
-            With 0 V and a fault where an input is not a finite number.
+            With 0 V and a fault where an input, or what follows from it, is not a finite number:
+            the next sample is answered as the first.
 
         Raises
         ------
         ControlError
             The stamp is not after the last one, or positions or pressures are not one a joint.
         """
-        if fault := not_finite(stamp_s, q, p_a, p_b, p_s, p_t, reference):
+        if fault := not_finite(stamp_s, q, p_a, p_b, p_s, p_t, reference, ahead):
             return self.stopped(q, reference, fault)
         steps, notes = self._advance(stamp_s)
         oil = _Oil(np.array([p_a, p_b]), float(p_s), float(p_t))
@@ -201,8 +201,7 @@ class ControlLaw:
             motion = then[Q], then[QD], asked.qd_r, asked.qdd_r, asked.arm
             asked.force_d[:] += self.adaptation.required_force(*motion)
         flow_term, signal, voltage_v, limits = self._answered(sample, oil, steps)
-        if not math.isfinite(sum(signal.tolist())):
-            fault = f"expected finite valve signals, found {signal.tolist()}"
+        if fault := not_finite_answer(flow_term, signal, voltage_v):
             return self.stopped(q, reference, fault)
         self._voltage_v = voltage_v
         if self.adaptation is not None:
