@@ -106,8 +106,12 @@ class ControllerNode(LifecycleNode):
         if self._hot is None:
             raise ControlError("the controller is not configured")
         self._real_time.prepare()
+        try:
+            self._hot.start()
+        except BaseException:
+            self._real_time.leave()
+            raise
         self._active = True
-        self._hot.start()
 
     def _deactivate(self) -> None:
         self.stop_driving()

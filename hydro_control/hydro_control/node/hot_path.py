@@ -106,8 +106,9 @@ class HotPath:
         self._matched = self._driven = False
         self.times = LoopTimes(1.0 / self._core.robot.sensors.rate_hz)
         self._stop.clear()
-        self._thread = threading.Thread(target=self._main, name="hot_path")
-        self._thread.start()
+        thread = threading.Thread(target=self._main, name="hot_path")
+        thread.start()  # where the system has none to give, there is none to be ended either
+        self._thread = thread
 
     def stop(self) -> None:
         """End the thread; the last command is 0 V."""
