@@ -9,10 +9,12 @@ from hydro_control.adaptation.adaptation_settings import AdaptationSettings
 from hydro_control.core.core import Answer, ControllerCore, Sample
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
-from hydro_control.monitoring.applied import MOST_WITHHELD, AppliedWatch
+from hydro_control.monitoring.applied import IDLE, MOST_WITHHELD, AppliedWatch
 from hydro_control.motion.trajectory import Waypoint
+from hydro_model.hydraulics.cylinder import lever
 from hydro_model.motion.paths import JointPath
 from hydro_model.motion.paths_segments import Quintic
+from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray
 from hydro_model.robot_files import load_robot
 
@@ -96,6 +98,30 @@ def test_an_applied_command_ends_the_row() -> None:
     assert watch_of([none, (SOME, SOME), *[none] * 11]).withheld
 
 
+@pytest.mark.parametrize("asked_v", [0.0, 0.039, -0.05])
+def test_0_v_that_is_right_for_a_second_is_not_withheld(asked_v: float) -> None:
+    """A wire of 8 bits has no voltage below 39 mV: nothing else would ever tell."""
+    withheld = [(SOME, ZERO)] * (MOST_WITHHELD + 1)
+    right = (np.array([0.0, asked_v]), ZERO)
+    assert watch_of([*withheld, *[right] * (IDLE - 1)]).withheld
+    watch = watch_of([*withheld, *[right] * IDLE])
+    assert (watch.withheld, watch.settled, watch.count) == (False, False, MOST_WITHHELD + 1)
+    # In a row: what is withheld once more begins the second anew.
+    between = [*withheld, *[right] * (IDLE - 1), (SOME, ZERO), *[right] * (IDLE - 1)]
+    assert watch_of(between).withheld
+    assert not watch_of([*between, right]).withheld
+    # And as many stamps as at the beginning are needed to see it again.
+    once = [*withheld, *[right] * IDLE]
+    assert not watch_of([*once, *withheld[1:]]).withheld
+    again = [*once, *withheld]
+    assert watch_of([*again, *[right] * (IDLE - 1)]).withheld
+    assert not watch_of([*again, *[right] * IDLE]).withheld
+    # Nor do stamps count that were right before, or before it was applied and withheld again.
+    assert watch_of([*[right] * IDLE, *withheld, *[right] * (IDLE - 1)]).withheld
+    broken = [*withheld, *[right] * (IDLE - 1), (SOME, SOME), *withheld, *[right] * (IDLE - 1)]
+    assert watch_of(broken).withheld
+
+
 def test_what_counts_as_0_v_as_told_and_as_settled() -> None:
     milli = np.array([1e-3, 0.0])
     assert watch_of([(SOME, milli)]).count == 1
@@ -122,11 +148,9 @@ def test_what_a_coarse_wire_applies_is_learnt_from_again() -> None:
     loop.run(30, share=0.0)
     adaptation = loop.core.law.adaptation
     assert adaptation is not None
-    step_v = 10.0 / 127.0
     for k in range(400):
         answer = loop.run(1, POSE + 0.05 * np.sin(0.02 * k), share=None)
-        on_wire = step_v * np.round(answer.output.voltage_v / step_v)
-        loop.core.applied(answer.stamp_ns, on_wire)
+        loop.core.applied(answer.stamp_ns, on_coarse_wire(answer))
     assert adaptation.report()["adaptation_updates"]
 
 
@@ -159,6 +183,22 @@ def test_half_a_story_is_forgotten_after_a_while() -> None:
 def sample(cycle: int, q: FloatArray) -> Sample:
     half = np.full(2, 8e6)
     return Sample(10**18 + cycle * STEP_NS, q, half, half, None, None)
+
+
+def balanced(cycle: int, q: FloatArray) -> Sample:
+    """The same with chambers that hold the arm there."""
+    torque, p_b = inverse_dynamics(ROBOT, q, ZERO, ZERO), np.full(2, 8e6)
+    arms = [float(lever(c, x)) for c, x in zip(ROBOT.cylinders, q, strict=True)]
+    area_a, area_b = np.array([(c.area_a_m2, c.area_b_m2) for c in ROBOT.cylinders]).T
+    air = ROBOT.atmospheric_pressure_pa
+    p_a = (torque / arms + p_b * area_b) / area_a
+    return Sample(10**18 + cycle * STEP_NS, q, p_a + air, p_b + air, None, None)
+
+
+def on_coarse_wire(answer: Answer) -> FloatArray:
+    """What 8 bits for 10 V either way make of a command."""
+    step_v = 10.0 / 127.0
+    return np.asarray(step_v * np.round(answer.output.voltage_v / step_v))
 
 
 class Loop:
@@ -251,6 +291,26 @@ def test_a_hold_stays_a_hold() -> None:
     assert loop.core.message == ""
     loop.core.restart()
     assert not loop.core.moving
+
+
+def test_an_arm_at_rest_on_a_coarse_wire_is_held_again() -> None:
+    """Its weight is carried, so the wire has no step for what is asked for: 0 V is applied.
+
+    It crept away unheld, no limit of its motion was looked at, and no trajectory was taken.
+    """
+    loop, q = Loop(), POSE
+    loop.run(30, share=0.0)
+    assert loop.core.message.startswith("the valves do not get the commands")
+    for k in range(2000):
+        q = POSE - 1e-7 * k  # it creeps
+        answer = loop.core.answer(balanced(loop.cycle + k, q))
+        assert answer is not None
+        # What was asked for before it was balanced has faded when the bridge drives again.
+        loop.core.applied(answer.stamp_ns, on_coarse_wire(answer) if k >= 200 else ZERO)
+    assert loop.core.message == ""
+    assert np.all(answer.reference.position - q > 1e-4)
+    there = [Waypoint(1.0, np.array([0.6]), np.array([]), np.array([]))]
+    loop.core.requests.trajectory("joint", ["lift"], there)
 
 
 def test_nothing_is_learnt_while_commands_have_no_effect() -> None:

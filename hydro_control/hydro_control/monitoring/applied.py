@@ -12,6 +12,10 @@ from hydro_model.robot import FloatArray
 
 #: More stamps in a row than this with 0 V instead of the command: the commands are withheld.
 MOST_WITHHELD = 10
+#: So many stamps in a row at which no more than 0 V was asked for and applied: nothing is withheld
+#: as far as can be told. A controller whose reference stays with the robot may ask for less than
+#: the wire has steps for as long as that lasts.
+IDLE = 500
 #: Applied voltages up to this are 0 V.
 ZERO_V = 1e-3
 #: A command and what a wire of coarse steps (8 bits) makes of it, perhaps 0 V, differ by up to
@@ -35,7 +39,8 @@ class AppliedWatch:
     Attributes
     ----------
     withheld : bool
-        The newest commands had no effect.
+        The newest commands that asked for a voltage had no effect; no more once one has, nor after
+        `IDLE` stamps at which 0 V was right.
     settled : bool
         False from when commands are withheld until one is applied, rounded as the wire rounds it.
     moved : bool
@@ -53,7 +58,7 @@ class AppliedWatch:
         """A new beginning: nothing was commanded yet."""
         self.withheld = self.moved = False
         self.settled = True
-        self._in_a_row = 0
+        self._in_a_row = self._idle = 0
         self._commanded: dict[int, tuple[FloatArray, bool]] = {}
         self._applied: dict[int, FloatArray] = {}
 
@@ -100,6 +105,10 @@ class AppliedWatch:
                 self.settled = True
         elif np.any(np.abs(commanded) > self._step_v):
             self.count += 1
-            self._in_a_row += 1
+            self._in_a_row, self._idle = self._in_a_row + 1, 0
             if self._in_a_row > MOST_WITHHELD:
                 self.withheld, self.settled = True, False
+        elif self.withheld:
+            self._idle += 1
+            if self._idle == IDLE:
+                self._in_a_row, self.withheld = 0, False
