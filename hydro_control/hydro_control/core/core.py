@@ -175,7 +175,7 @@ class ControllerCore:
         elif self._stamps.is_gap(run.now_s - since_s):
             run.follow(moved=run.moved, since_s=since_s)
             self.requests.resume(run, f"no usable sample came for {run.now_s - since_s:.3f} s")
-        return run.reference()
+        return self.requests.reference(run)
 
     def _guard(self, run: ReferenceRun) -> None:
         """Judge the measured motion; what runs away is at 0 V until `restart`."""

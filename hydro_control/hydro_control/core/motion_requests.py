@@ -14,10 +14,16 @@ from hydro_control.errors import NUMERICAL_ERRORS, ControlError
 from hydro_control.motion.asking import ask_path, ask_trajectory
 from hydro_control.motion.path_limits import same_start, start_of_path
 from hydro_control.motion.reference_run import ReferenceRun, Standing
+from hydro_control.motion.required_motion import Reference
 from hydro_control.motion.trajectory import Waypoint
 from hydro_model.errors import RobotError, in_short
 from hydro_model.motion.paths import JointPath, TipPath
 from hydro_model.robot import FloatArray, Robot
+
+_LOST = (
+    "the trajectory was dropped: the reference was set anew in the middle of the sample that it"
+    " was accepted in: ask again"
+)
 
 
 class OwnPath:
@@ -57,8 +63,8 @@ class OwnPath:
 class MotionRequests:
     """Requests, and the reference that they are made of from the first sample on.
 
-    `begin`, `resume`, `dropped` and `forget` are the samples' side; everything else may be called
-    from another thread.
+    `begin`, `resume`, `reference`, `dropped` and `forget` are the samples' side; everything else
+    may be called from another thread.
 
     Parameters
     ----------
@@ -125,6 +131,23 @@ class MotionRequests:
             self._play_own(run)
         elif run.dropped:
             self.dropped(why)
+
+    def reference(self, run: ReferenceRun) -> Reference:
+        """The reference at the newest sample, with what was asked for until then.
+
+        Parameters
+        ----------
+        run : ReferenceRun
+
+        Returns
+        -------
+        Reference
+        """
+        reference = run.reference()
+        if run.lost:
+            run.lost = False
+            self.message = _LOST
+        return reference
 
     def dropped(self, why: str) -> None:
         """A motion was dropped.

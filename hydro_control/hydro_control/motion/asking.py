@@ -101,6 +101,8 @@ def ask_trajectory(
     # Looked at after it was handed over: what comes later finds it, and drops it. Or a sample has
     # played it since, and may have stopped it again: that overtakes its check, and not it.
     if standing.overtaken and run.played is not asked:
+        if run.pending is asked:
+            run.pending = None  # refused here: no sample has to say that it is not played
         _refuse_overtaken(standing)
 
 

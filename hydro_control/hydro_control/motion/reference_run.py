@@ -104,6 +104,9 @@ class ReferenceRun:
         may start anew.
     over : bool
         The controller has begun anew since: nothing is asked of this one any more.
+    lost : bool
+        A trajectory that had been accepted was not played with the newest sample, and no stop was
+        the reason: the reference was set anew in the middle of it.
     """
 
     first_ns: int
@@ -124,6 +127,7 @@ class ReferenceRun:
     moved: bool = False
     anew: bool = False
     over: bool = False
+    lost: bool = False
 
     @classmethod
     def begin(cls, robot: Robot, sample: Sample, tip_speed_m_s: float) -> ReferenceRun:
@@ -230,13 +234,22 @@ class ReferenceRun:
         self.player.play(plan, self.now_s if plan.start_s is None else plan.start_s)
         self.epoch += 1
 
-    def hold(self) -> None:
-        """Stand where the robot is; what was asked for is dropped."""
+    def hold(self) -> bool:
+        """Stand where the robot is; what was asked for is dropped.
+
+        Returns
+        -------
+        bool
+            Something that was to be played from this sample on was dropped.
+        """
         self.player.hold(self.q, self.now_s)
         self.epoch += 1
         self.caught = self.epoch
+        # Only behind the epoch: what is handed over from now on is refused by whoever does it.
+        waited = self.pending is not None
         # A stop stays to be taken up: it ends what would wait on, and set out anew later.
         self.pending, self.path_waits = None, False
+        return waited
 
     def follow(self, *, moved: bool, since_s: float | None = None) -> bool:
         """Commands have no effect: stay with the robot, wherever it goes.
@@ -253,14 +266,15 @@ class ReferenceRun:
         bool
             They were applied until now.
         """
-        begins = not self.following
-        if begins:
-            self.following = True
-            moving = self.player.moving(self.now_s if since_s is None else since_s)
-            self.dropped = moving or self.pending is not None or self.path_waits
-            self.anew = ((moving and self.of_path) or self.path_waits) and not moved
-        self.hold()
-        return begins
+        if self.following:
+            self.hold()
+            return False
+        self.following = True
+        moving = self.player.moving(self.now_s if since_s is None else since_s)
+        waits = self.path_waits
+        self.anew = ((moving and self.of_path) or waits) and not moved
+        self.dropped = self.hold() or moving or waits
+        return True
 
     def reference(self) -> Reference:
         """The reference at the newest sample, once what was asked for has been taken up."""
@@ -274,6 +288,8 @@ class ReferenceRun:
                 self.played = asked
                 self._play(asked.plan)
                 self.of_path, self.path_waits = asked.of_path, False
+            else:
+                self.lost = asked.stops == self.stops and not asked.of_path
         self.player.settle(self.q, self.now_s)
         return self.player.sample(self.now_s)
 
