@@ -15,6 +15,8 @@ from hydro_msgs_docs.middleware import prepare_middleware
 
 #: Time without an answer after which a node is asked again.
 _AGAIN_S = 5.0
+#: How long a node may take to answer that what it did not activate in time is deactivated again.
+_TAKEN_BACK_S = 2.0
 NAME = "lifecycle"
 #: No transition: a bridge that has tripped stays active.
 CLEAR_TRIP = "clear_trip"
@@ -143,14 +145,15 @@ def _call(
     what: str,
     *,
     again: bool = False,
+    client: Any = None,
 ) -> Any:
     """One service call; TransitionError where nobody answers in time.
 
     What changes nothing may be asked `again`: an answer is lost where a server has not found the
-    client's end of it yet.
+    client's end of it yet. What one `client` asks for arrives in that order.
     """
     end = time.monotonic() + timeout_s
-    client = node.create_client(kind, service)
+    client = node.create_client(kind, service) if client is None else client
     if not client.wait_for_service(timeout_sec=timeout_s):
         raise TransitionError(f"no node answers at {service} within {timeout_s:g} s: is it up?")
     while True:
@@ -184,28 +187,68 @@ def _clear_trip(rclpy: Any, node: Any, target: str, timeout_s: float) -> str:
     return str(answer.message)
 
 
-def _change(rclpy: Any, node: Any, target: str, transition: str, timeout_s: float) -> None:
-    from lifecycle_msgs.srv import ChangeState
+class _Asking:
+    """Asks one node for transitions, through one client: they arrive in the order of asking."""
 
-    end, request = time.monotonic() + timeout_s, ChangeState.Request()
-    # Shutdown has one number per state it starts from; a node also takes its label.
-    request.transition.id = _number(rclpy, node, target, transition, timeout_s)
-    request.transition.label = transition
-    service = f"{target}/change_state"
+    def __init__(self, rclpy: Any, node: Any, target: str) -> None:
+        from lifecycle_msgs.srv import ChangeState
+
+        self._rclpy, self._node, self._kind = rclpy, node, ChangeState
+        self._client = node.create_client(ChangeState, f"{target}/change_state")
+
+    def succeeds(self, number: int, label: str, timeout_s: float) -> bool:
+        """Whether the node makes a transition; _NoAnswerError where it does not say in time."""
+        request = self._kind.Request()
+        # Shutdown has one number per state it starts from; a node also takes its label.
+        request.transition.id, request.transition.label = number, label
+        given = self._kind, self._client.srv_name, request, timeout_s, label
+        return bool(_call(self._rclpy, self._node, *given, client=self._client).success)
+
+
+def _change(rclpy: Any, node: Any, target: str, transition: str, timeout_s: float) -> None:
+    end = time.monotonic() + timeout_s
+    number = _number(rclpy, node, target, transition, timeout_s)
+    asking = _Asking(rclpy, node, target)
     while True:
         left = max(end - time.monotonic(), 0.1)
         try:
-            answer = _call(rclpy, node, ChangeState, service, request, left, transition)
+            done = asking.succeeds(number, transition, left)
             break
-        except _NoAnswerError:
-            # Lost on the way back: the node's state says what became of the request.
-            if transition not in _open(rclpy, node, target, transition, left):
-                return
+        except _NoAnswerError as error:
+            try:
+                # Lost on the way back: the node's state says what became of the request.
+                if transition not in _open(rclpy, node, target, transition, left):
+                    return
+            except _NoAnswerError:
+                left = 0.0  # it answers nothing
             if left <= _AGAIN_S:
-                raise
-    if not answer.success:
+                after = _afterwards(rclpy, node, target, transition, asking)
+                raise TransitionError(f"{error}; {after}") from error
+    if not done:
         state = _state(rclpy, node, target, timeout_s)
         raise TransitionError(f"{target[1:]} did not {transition}: it is {state}; see its log")
+
+
+def _afterwards(rclpy: Any, node: Any, target: str, transition: str, asking: _Asking) -> str:
+    """What becomes of a request that was not answered in time, in words.
+
+    A node that is busy carries it out once it is not. What would still be activated is deactivated
+    at once: who was told that a node does not answer expects nothing of it minutes later.
+    """
+    from lifecycle_msgs.msg import Transition
+
+    name = target[1:]
+    if transition != "activate":
+        return f"it may still {transition}: `lifecycle get {name}` says whether it has"
+    try:
+        if asking.succeeds(Transition.TRANSITION_DEACTIVATE, "deactivate", _TAKEN_BACK_S):
+            return f"{name} was activated too late, and is deactivated again"
+        return f"{name} is {_state(rclpy, node, target, _TAKEN_BACK_S)}"
+    except _NoAnswerError:
+        return (
+            f"{name} was asked to deactivate, too, should it still activate: keep away from the"
+            f" machine until `lifecycle get {name}` says inactive"
+        )
 
 
 def _open(rclpy: Any, node: Any, target: str, transition: str, timeout_s: float) -> dict[str, int]:
