@@ -217,7 +217,7 @@ def _change(rclpy: Any, node: Any, target: str, transition: str, timeout_s: floa
         except _NoAnswerError as error:
             try:
                 # Lost on the way back: the node's state says what became of the request.
-                if transition not in _open(rclpy, node, target, transition, left):
+                if _state(rclpy, node, target, left) == _TRANSITIONS[transition]:
                     return
             except _NoAnswerError:
                 left = 0.0  # it answers nothing

@@ -28,12 +28,15 @@ class Slow(LifecycleNode):
     def __init__(self, context: Any, patience_s: float) -> None:
         super().__init__("slow", context=context)
         self.go, self.made, self._patience_s = threading.Event(), list[str](), patience_s
+        self.fails = False
 
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
         return SUCCESS
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         assert self.go.wait(self._patience_s)
+        if self.fails:
+            return TransitionCallbackReturn.ERROR
         self.made.append("activate")
         return SUCCESS
 
@@ -99,6 +102,26 @@ def test_what_is_activated_just_too_late_is_told_to_be_deactivated_again(
     with pytest.raises(TransitionError, match="slow was activated too late, and is deactivated"):
         lifecycle_command.run(ACTIVATE)
     assert (slow.made, slow.state) == (["activate", "deactivate"], "inactive")
+
+
+def test_an_activation_that_fails_late_is_not_said_to_be_made(
+    slow: Slow, monkeypatch: pytest.MonkeyPatch, patience_s: float
+) -> None:
+    """It cannot be activated any more either way: unconfigured as little as active."""
+    call, slow.fails = lifecycle_command._call, True
+
+    def gives_up(*given: Any, **options: Any) -> Any:
+        try:
+            return call(*given, **options)
+        except TransitionError:
+            slow.go.set()
+            raise
+
+    monkeypatch.setattr(lifecycle_command, "_AGAIN_S", 1.0)
+    monkeypatch.setattr(lifecycle_command, "_call", gives_up)
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(slow.context.get_domain_id()))
+    with pytest.raises(TransitionError, match="slow did not activate: it is unconfigured"):
+        lifecycle_command.run(("activate", "slow", "--timeout", str(patience_s)))
 
 
 def test_of_other_transitions_it_is_said_that_they_may_still_be_made() -> None:
