@@ -1,4 +1,4 @@
-"""What the lifecycle nodes share: logged transitions, fixed parameters, diagnostics."""
+"""What the lifecycle nodes share: transitions, fixed parameters, diagnostics."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -53,6 +55,34 @@ def logged_transition(body: Callable[[Any], None]) -> Transition:
         return TransitionCallbackReturn.SUCCESS
 
     return transition
+
+
+def refuse_closed_transitions(node: LifecycleNode) -> None:
+    """Have a node refuse transitions that are not open from its state, and go on.
+
+    Where one is asked for by its number, as managers of nodes do, rclpy raises instead, and what a
+    service raises ends the executor: the node of a machine that is being driven, asked to
+    activate once more, was gone.
+
+    Parameters
+    ----------
+    node : LifecycleNode
+    """
+    change = next(service for service in node.services if service.srv_type is ChangeState)
+    make = change.callback
+
+    def _answer(
+        request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        try:
+            return make(request, response)
+        except RCLError as error:
+            asked, why = request.transition, " ".join(str(error).split())
+            node.get_logger().error(f"transition {asked.label or asked.id} is refused: {why}")
+            response.success = False
+            return response
+
+    change.callback = _answer
 
 
 def fix_parameters(node: Node, configured: Callable[[], bool]) -> None:

@@ -22,7 +22,15 @@ from hydro_control.node.trajectory_intake import TrajectoryIntake
 from hydro_model.motion.paths import load_path
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs import topics
-from hydro_msgs_docs.nodes import ERROR, OK, WARN, Diagnostics, fix_parameters, logged_transition
+from hydro_msgs_docs.nodes import (
+    ERROR,
+    OK,
+    WARN,
+    Diagnostics,
+    fix_parameters,
+    logged_transition,
+    refuse_closed_transitions,
+)
 from hydro_msgs_docs.real_time import RealTime, RealTimeOptions
 
 _DIAGNOSTICS_S = 1.0
@@ -51,6 +59,7 @@ class ControllerNode(LifecycleNode):
         self._said_s = 0.0
         self._trajectories: list[Any] = []
         self._path_check: threading.Thread | None = None
+        refuse_closed_transitions(self)
         fix_parameters(self, lambda: self._hot is not None)
         # Of a clock that never steps: what is wrong is said whatever the ROS clock does.
         steady = Clock(clock_type=ClockType.STEADY_TIME)

@@ -105,6 +105,10 @@ class Machine:
         self.make(lambda: self.node.create_subscription(kind, topic, heard.append, quality))
 
     def transition(self, name: str) -> None:
+        assert self.tried(name)
+
+    def tried(self, name: str) -> bool:
+        """Ask for a transition by its number; whether it was made."""
         from lifecycle_msgs.msg import Transition
         from lifecycle_msgs.srv import ChangeState
 
@@ -115,7 +119,7 @@ class Machine:
         request.transition.id = number
         future = client.call_async(request)
         assert _wait_for(future.done)
-        assert future.result().success
+        return bool(future.result().success)
 
     def close(self) -> None:
         import rclpy

@@ -258,6 +258,22 @@ def test_lifecycle_command_says_what_is_open(
     assert run_module("lifecycle_command", "fly", "controller").returncode == 2
 
 
+def test_a_transition_that_is_not_open_is_refused_and_the_controller_goes_on(
+    machine: Any, controller: Callable[..., subprocess.Popen[str]]
+) -> None:
+    """By its number alone, as managers of other nodes ask for it, perhaps twice."""
+    process = controller()
+    machine.answer(0)
+    for name in ("activate", "configure", "cleanup"):
+        assert not machine.tried(name)
+    machine.answer(1)
+    machine.transition("deactivate")
+    assert not machine.tried("deactivate")
+    machine.transition("activate")
+    machine.answer(2)
+    assert process.poll() is None
+
+
 def test_lifecycle_command_clears_a_trip(
     machine: Any, run_module: Callable[..., Any], patience_s: float
 ) -> None:

@@ -29,7 +29,15 @@ from hydro_hw_bridge.protocol.calibration import unmeasured
 from hydro_hw_bridge.protocol.codec import Codec
 from hydro_model.errors import HydroError
 from hydro_model.robot_files import load_robot
-from hydro_msgs_docs.nodes import ERROR, OK, WARN, Diagnostics, fix_parameters, logged_transition
+from hydro_msgs_docs.nodes import (
+    ERROR,
+    OK,
+    WARN,
+    Diagnostics,
+    fix_parameters,
+    logged_transition,
+    refuse_closed_transitions,
+)
 from hydro_msgs_docs.real_time import RealTime
 
 NAME = "can_bridge"
@@ -90,6 +98,7 @@ class CanBridge(LifecycleNode):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(CLAIM_PERIOD_S, self._every_claim, clock=steady)
         self.create_timer(1.0, self._publish_diagnostics, clock=steady)
+        refuse_closed_transitions(self)
         fix_parameters(self, lambda: self._loops.running)
 
     # -- lifecycle

@@ -62,6 +62,8 @@ def test_a_day_in_lockstep(
     assert {ros.stamp_of(m) for m in ros.heard["/joint_states"]} == {stamp}
     device.send(50)
     assert device.answer().voltages == (1.5, -0.5)
+    # What it does already it cannot begin: refused, and it goes on.
+    assert not ros.tried(ACTIVATE)
     # The next cycle, a period later whatever the wall clock says.
     ros.send_and_hear(device, 51, stamp + PERIOD_NS)
     answer = ros.answer_to(device, stamp + PERIOD_NS, 9.0, -0.5)
