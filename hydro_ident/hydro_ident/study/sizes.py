@@ -66,6 +66,12 @@ def _contact(p: Numbers, at: Numbers) -> float:
     return p["stiffness"] * deep * math.pow(deep / PRESSED_M, p.get("exponent", 1.0) - 1.0)
 
 
+def _spring(p: Numbers, at: Numbers) -> float:
+    if p.get("about", 0.0) != 0.0:
+        return math.nan  # what turns the joint pushes nothing with the rod in
+    return abs(p["force"])
+
+
 def _air(p: Numbers, at: Numbers) -> float:
     exponent = p.get("polytropic_exponent", 1.4)
     share = math.pow(101325.0 / _ABSOLUTE_PA, 1.0 / exponent)
@@ -109,7 +115,7 @@ READINGS: dict[str, Reading] = {
     "backlash": _plain("width"),
     "base_tilt": _plain("pitch"),
     "constant_force_offset": _plain("force"),
-    "counterbalance_spring": _plain("force"),
+    "counterbalance_spring": _spring,
     "joint_coupling": _coupling,
     "external_contact": _contact,
     "encoder_offset": _plain("offset"),

@@ -32,6 +32,7 @@ HELD = {
     ("valve_hysteresis", "time_constant"),
     ("backlash", "contact_force"),
     ("backlash", "drag"),
+    ("counterbalance_spring", "about"),
     ("external_contact", "way"),
     ("external_contact", "exponent"),
     ("temperature_drift", "halving_temperature"),

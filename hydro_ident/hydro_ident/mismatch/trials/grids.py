@@ -19,6 +19,7 @@ from hydro_model.effects.effect import Effect
 from hydro_model.effects.flexibility import CARRIED
 from hydro_model.effects.friction import BEND
 from hydro_model.effects.law import ParameterSpec
+from hydro_model.effects.mechanics import ABOUT
 from hydro_model.effects.signals import (
     PISTON_FORCE,
     PISTON_POSITION,
@@ -148,6 +149,8 @@ def _of_recording(
 ) -> list[float] | None:
     """Values along what was recorded; None for parameters that are tried at usual ones alone."""
     name = one.effect.name
+    if spec is ABOUT and one.cylinder is None:
+        return [0.0]  # what acts on the joint itself acts along itself
     if name == "end_cushion" and spec.name == "length":
         return _lengths(predictor, model, one, spec)
     if name == "valve_rate_limit" and spec.name == "rate":
@@ -184,7 +187,7 @@ def _lengths(
 
 def _single(effect: Effect, spec: ParameterSpec) -> list[float] | None:
     """The one value, or the few, of parameters that no factors are tried of; None for others."""
-    if spec in (BEND, TRAVEL, SHIFT, CARRIED):
+    if spec in (BEND, TRAVEL, SHIFT, CARRIED, ABOUT):
         return [0.0, spec.typical]
     if spec.typical == 0.0:
         return [0.0]

@@ -58,7 +58,7 @@ def test_every_unit_of_a_turning_joint_is_that_of_a_piston_on_a_sliding_one() ->
     [
         ("coulomb_friction", ("N", "m/s"), ("N m", "rad/s")),
         ("quadratic_friction", ("N s^2/m^2",), ("N m s^2/rad^2",)),
-        ("counterbalance_spring", ("N", "N/m"), ("N m", "N m/rad")),
+        ("counterbalance_spring", ("N", "N/m", "1"), ("N m", "N m/rad", "1")),
         ("rotor_inertia", ("kg",), ("kg m^2",)),
         ("load_dependent_friction", ("1", "m/s"), ("1", "rad/s")),
         ("backlash", ("m", "N"), ("rad", "N m")),

@@ -147,7 +147,13 @@ EQUATIONS = [
         Stage.FRICTION,
         2e-3 * np.abs(FORCE) / LEVER * np.tanh(S[:, sig.JOINT_VELOCITY] / 0.05),
     ),
-    ("counterbalance_spring", [-2e3, 5e3], Stage.FRICTION, -2e3 + 5e3 * X),
+    ("counterbalance_spring", [-2e3, 5e3, 0.0], Stage.FRICTION, -2e3 + 5e3 * X),
+    (
+        "counterbalance_spring",
+        [-2e3, 5e3, 1.0],
+        Stage.FRICTION,
+        (-2e3 + 5e3 * S[:, sig.JOINT_POSITION]) / LEVER,
+    ),
     (
         "external_contact",
         [1e5, 0.05, 0.0, 1.0, 0.0],

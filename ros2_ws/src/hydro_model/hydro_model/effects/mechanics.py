@@ -38,6 +38,11 @@ WAY = ParameterSpec(
     "way", "1", "z: 0 the tip's height, 1 the joint's position, -1 its negative", -2.0, 2.0, 0.0,
     optional=True,
 )  # fmt: skip
+#: Where a spring acts. Over a lever of 1 m, so that its numbers have one unit either way.
+ABOUT = ParameterSpec(
+    "about", "1", "0: along the cylinder, 1: about the joint, over a lever of 1 m", 0.0, 1.0, 1.0,
+    optional=True, default=0.0,
+)  # fmt: skip
 #: How deep in a contact's stiffness is stated, m (rad of a joint).
 PRESSED_M = 0.1
 #: Time in which a pin comes to lie where the load has turned, s.
@@ -103,7 +108,9 @@ def _play_crossed(rows: FloatArray, p: FloatArray, sample_time_s: float) -> Floa
 
 
 def _spring(s: Row, p: Row) -> float:
-    return p[0] + p[1] * s[PISTON_POSITION]
+    if p[2] == 0.0:
+        return p[0] + p[1] * s[PISTON_POSITION]
+    return (p[0] + p[1] * s[JOINT_POSITION]) / s[LEVER]
 
 
 def _other_rate(s: Row, p: Row) -> float:
@@ -183,11 +190,12 @@ BACKLASH = Effect(
 COUNTERBALANCE_SPRING = Effect(
     name="counterbalance_spring",
     channel="force",
-    equation="F = F0 + k x",
-    source="a gas or coil spring along the cylinder, or one that acts like it",
+    equation="F = F0 + k x,  or F = (F0 + k q) / (dx/dq)",
+    source="a gas or coil spring along the cylinder or about the joint, or one that acts like it",
     parameters=(
         ParameterSpec("force", "N", "F0, against extension, at x = 0", -1e5, 1e5, -2000.0, True),
         ParameterSpec("stiffness", "N/m", "k", 0.0, 1e6, 5000.0, linear=True),
+        ABOUT,
     ),
     terms=(Term(Stage.FRICTION, _spring),),
     looks_like=("first moments", "constant_force_offset", "base_tilt"),
