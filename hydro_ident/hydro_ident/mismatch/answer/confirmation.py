@@ -30,18 +30,35 @@ def searched(work: Residuals, base: Fitted) -> tuple[Search, Fitted, list[Findin
 
     `base` is the fit that is searched from.
     """
-    rejected: list[Finding] = []
+    rejected: dict[tuple[str, str], Finding] = {}
+    excluded = set[tuple[str, str]]()
     for _ in range(_ROUNDS):
-        excluded = {(f.named.term.effect.name, f.named.term.target) for f in rejected}
         searcher = Searcher(work.scan, base, excluded, work.bank)
         search = searcher.run()
         whole, findings, failed = _confirmed(work, search)
         if failed:
             findings = [_told_anew(searcher.contest, work, whole, f) for f in findings]
-        rejected += failed
+        excluded |= _not_again(failed, set(rejected))
+        rejected |= {_key(f): f for f in failed}
         if findings or not failed:
             break
-    return search, whole, findings, rejected
+    stand = {_key(f) for f in findings}
+    return search, whole, findings, [f for key, f in rejected.items() if key not in stand]
+
+
+def _key(finding: Finding) -> tuple[str, str]:
+    return finding.named.term.effect.name, finding.named.term.target
+
+
+def _not_again(failed: Sequence[Finding], before: set[tuple[str, str]]) -> set[tuple[str, str]]:
+    """Effects and targets of refused findings that are not looked for again.
+
+    What does not stand out once another is refused had been fitted to what that one left: it may
+    be found by itself, once more.
+    """
+    all_of_them = {_key(f) for f in failed}
+    blamed = {_key(f) for f in failed if not f.verification.idle}
+    return (blamed or all_of_them) | (all_of_them & before)
 
 
 def _told_anew(contest: Contest, work: Residuals, whole: Fitted, found: Finding) -> Finding:
