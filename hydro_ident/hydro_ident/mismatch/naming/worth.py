@@ -215,9 +215,11 @@ def _explained(training: Training, current: Fitted, bench: Bench, acting: Sequen
     alone = training.bench(bench.noise, current.residual, base, current.offset)
     total = 0.0
     for term in current.model.terms:
-        exact = term.effect.name in _OF_ONE_FORM
-        if exact or term.effect.change is not None or term.effect.reading is not None:
-            # Geometry, mass and time have one form: nothing of it is left over.
+        effect = term.effect
+        if effect.name in _OF_ONE_FORM or (
+            not effect.states and (effect.change is not None or effect.reading is not None)
+        ):
+            # Geometry, mass and time have one form: nothing of it is left over. A mode has not.
             continue
         column = predictor.contribution(current.model, term)
         if any(column[material.channel == k].any() for k in acting):
