@@ -37,6 +37,7 @@ from hydro_ident.mismatch.answer.outcome import (
     Diagnosis,
     Finding,
 )
+from hydro_ident.mismatch.answer.rail_constants import parted_rails, rail_notes
 from hydro_ident.mismatch.fitting.as_listed import as_listed_notes
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.locating.locate import dependences
@@ -150,18 +151,19 @@ def _diagnosed(
     whole, before, modelled, refined = _modelled(answer, settings)
     advance("rolling the models out", 6, STAGES)
     run = _rolled_out(work, whole, before, modelled.robot)
-    findings, minor = parted(work.robot, answer.findings, whole.deviations)
+    findings, constants = parted_rails(work, answer.findings)
+    findings, minor = parted(work.robot, findings, whole.deviations)
     channels = channels_of(work, whole, work.check)
     unknown, small = parted_unknown(answer.unknown, channels)
     notes = [*data_notes(work), *modelled.notes, *run.rejected]
-    notes += minor_notes(work.robot, minor, whole.deviations)
+    notes += rail_notes(work.robot, constants) + minor_notes(work.robot, minor, whole.deviations)
     notes += [refined.note] if refined is not None else []
     notes += small
     notes += listed_notes(work.robot, whole) + as_listed_notes(whole, work.training)
     notes += bristle_notes(work.training, whole)
     notes += search_notes(search, whole, rejected, taken) + silent_notes(findings)
     ratios = apart(work, whole, channels)
-    told = {name for f in (*findings, *minor) for name in f.channels}
+    told = {name for f in (*findings, *minor, *constants) for name in f.channels}
     told |= {one.channel for one in unknown}
     untold = {name: ratio for name, ratio in ratios.items() if name not in told}
     notes += left_notes(channels) + apart_notes(untold) + unverified_notes(work, channels)

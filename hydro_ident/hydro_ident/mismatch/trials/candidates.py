@@ -104,6 +104,9 @@ class Trial:
         return [self.at(np.asarray(coefficients) * factor) for factor in START_FACTORS]
 
 
+#: What is looked for at the rails, too. A constant that a file has for a rail that nobody read is
+#: off like a transducer; not so its gain, which a constant does not tell from it.
+RAIL_BIAS, RAILS = "pressure_sensor_bias", ("supply", "tank")
 #: Effects whose first parameter shrinks as the effect grows.
 _INVERSE_SIZE = ("valve_spool_lag", "valve_rate_limit")
 
@@ -134,9 +137,10 @@ def trials(
 
 def _at_targets(material: Material, effect: Effect) -> list[ActiveEffect]:
     robot = material.robot
+    named = [*targets(robot, effect), *(RAILS if effect.name == RAIL_BIAS else ())]
     result = [
         at_work(robot, effect, p, effect.typical.copy())
-        for target in targets(robot, effect)
+        for target in named
         for p in places(robot, effect, target, robot.name)
     ]
     if effect.name == "cylinder_inertia":
