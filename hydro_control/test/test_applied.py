@@ -103,6 +103,7 @@ def test_0_v_that_is_right_for_a_second_is_not_withheld(asked_v: float) -> None:
     """A wire of 8 bits has no voltage below 39 mV: nothing else would ever tell."""
     withheld = [(SOME, ZERO)] * (MOST_WITHHELD + 1)
     right = (np.array([0.0, asked_v]), ZERO)
+    assert IDLE / 500.0 == 1.0  # stamps of the contract's rate
     assert watch_of([*withheld, *[right] * (IDLE - 1)]).withheld
     watch = watch_of([*withheld, *[right] * IDLE])
     assert (watch.withheld, watch.settled, watch.count) == (False, False, MOST_WITHHELD + 1)
