@@ -67,6 +67,7 @@ def run(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.thorough
 def test_it_is_driven_along_a_path_on_a_bus_that_is_made_for_it(crane: Path) -> None:
     folder = crane.parent
     done = run(

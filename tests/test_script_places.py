@@ -112,6 +112,7 @@ def test_a_run_of_no_duration_is_refused(duration: str, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.thorough
 @pytest.mark.ros
 def test_a_run_of_less_than_a_second_ends(tmp_path: Path) -> None:
     arguments = [*ARGUMENTS["rig_run"], "--duration", "00.08"]

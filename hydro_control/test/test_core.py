@@ -255,6 +255,7 @@ def test_a_plant_that_equals_the_model_is_followed_to_a_tenth_of_a_millimetre() 
     assert follow(parallelogram(), ROBOT, 1600).max() < 1e-4
 
 
+@pytest.mark.thorough
 def test_one_cycle_of_delay_leaves_the_loop_stable() -> None:
     """On the second side too, where the load is greatest and an oscillation would build up."""
     assert follow(parallelogram(), ROBOT, 3200, delay=1).max() < 5e-4

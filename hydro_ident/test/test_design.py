@@ -268,6 +268,7 @@ def test_friction_of_unknown_pressures_is_undetermined(listing: Robot) -> None:
     assert np.isfinite(told["tilt_cylinder.coulomb_friction.force"].std)
 
 
+@pytest.mark.thorough
 def test_a_spatial_robot_of_three_joints(robot: Robot, tmp_path: Path) -> None:
     """A slewing column under the crane: another axis, gravity along it, a third cylinder."""
     slew = replace(

@@ -229,6 +229,7 @@ def test_a_rotor_and_dry_friction_are_found(
         assert channel["rmse_after"] == pytest.approx(channel["noise_floor"], rel=0.3)
 
 
+@pytest.mark.thorough
 def test_a_gear_that_rubs_under_load_is_found(diagnosed: Callable[..., dict[str, Any]]) -> None:
     found = diagnosed("gear")
     assert _named(found) == {

@@ -40,6 +40,7 @@ def _recorded(make_run: tuple[Callable[..., Any], Callable[..., Any]], *, read: 
     return diagnose(robot, [recording(14.0, 0, "train")], [recording(9.0, 3, "check")])
 
 
+@pytest.mark.thorough
 def test_a_constant_that_is_off_is_told_and_is_no_finding(make_run: tuple[Any, Any]) -> None:
     found = _recorded(make_run, read=False)
     assert (found.verdict, found.findings, found.unexplained) == ("matches", (), ())

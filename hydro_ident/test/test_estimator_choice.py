@@ -92,6 +92,7 @@ def test_outliers_of_a_recording_that_validates_are_no_error_of_the_model(robot:
     assert any("taken for outliers" in n and n.startswith("check") for n in found.notes)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("estimator", ["ols", "robust"])
 def test_every_estimator_agrees_on_good_data(
     quiet: Identification, robot: Robot, estimator: str

@@ -108,6 +108,7 @@ def test_a_sound_encoder_repeats_nothing(clean: Residuals) -> None:
     assert not told
 
 
+@pytest.mark.thorough
 def test_many_periods_are_lines_that_act_as_readings_do(
     make_run: tuple[Callable[..., Robot], Callable[..., Any]], lay_out: Callable[..., Residuals]
 ) -> None:

@@ -153,6 +153,7 @@ def test_nothing_changed_is_not_called_a_change(
     assert share <= 0.15, [row["name"] for row in found.values() if row["changed"]]
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("clarabel", "plotly")
 def test_a_payload_is_found_and_named(
     crane_run, loaded_run, write_bag: Callable[..., Path], tmp_path: Path, capsys

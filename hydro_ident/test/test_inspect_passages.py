@@ -94,6 +94,7 @@ def test_a_bag_that_never_reads_the_same_is_refused(
     assert [one.whole for one in known] == [False, True]
 
 
+@pytest.mark.thorough
 def test_memory_does_not_grow_with_the_bag(tmp_path: Path, crane_run, small_blocks) -> None:
     """Of 18 s, and of twice as long: what grows is what a gap adds."""
     small_blocks(500)

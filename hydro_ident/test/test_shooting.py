@@ -201,6 +201,7 @@ def test_a_good_fit_is_not_harmed(work: Residuals, whole: Fitted) -> None:
         assert found.whole is whole
 
 
+@pytest.mark.thorough
 def test_what_held_out_windows_contradict_is_refused(
     machine: Callable[[float, int], object], work: Residuals, whole: Fitted
 ) -> None:

@@ -87,6 +87,7 @@ def test_what_is_activated_long_after_it_was_given_up_is_deactivated_at_once(
     assert wait_for(lambda: slow.state == "inactive")
 
 
+@pytest.mark.thorough
 def test_what_is_activated_just_too_late_is_told_to_be_deactivated_again(
     slow: Slow, monkeypatch: pytest.MonkeyPatch, patience_s: float
 ) -> None:

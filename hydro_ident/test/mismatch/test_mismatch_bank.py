@@ -36,6 +36,7 @@ def bank(laid: Residuals) -> Bank:
     return bank
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "target"),
     [

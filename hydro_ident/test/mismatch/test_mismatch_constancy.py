@@ -158,6 +158,7 @@ def _wavers(work: Residuals) -> dict[str, Wavering]:
     return wavering(work.training, work.base, Confirmer(work.training, work.check, work.base))
 
 
+@pytest.mark.thorough
 def test_a_drag_without_a_rhythm_is_told_with_what_it_is_at_times(
     minute: Any, lay_out: Callable[..., Residuals]
 ) -> None:

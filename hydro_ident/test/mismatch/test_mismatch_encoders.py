@@ -78,6 +78,7 @@ def test_what_is_there_is_told_beside_noise(
     assert size == pytest.approx(spec.parameters[first], rel=0.15)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("there", [False, True])
 def test_a_contest_tells_springs_that_are_there_alone(
     there: bool, clean: Residuals, make_run: Make, lay_out: Callable[..., Residuals]

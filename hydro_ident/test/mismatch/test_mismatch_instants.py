@@ -123,6 +123,7 @@ def test_an_alternative_can_pay_for_every_instant_that_was_tried(
     assert not found.silent
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("backwards", [False, True])
 def test_each_pays_for_its_own_instants(
     loaded: Residuals, whole: Fitted, monkeypatch: pytest.MonkeyPatch, backwards: bool

@@ -42,6 +42,7 @@ def test_balances_start_at_the_same_samples_when_stamps_jitter(crane_run, robot:
         np.testing.assert_array_equal(jittered, regular)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("slow_first", [True, False])
 def test_recordings_of_other_rates_leave_the_rows_of_one_as_they_are(
     crane_run, robot: Robot, slow_first: bool

@@ -33,7 +33,9 @@ def rounds(monkeypatch: pytest.MonkeyPatch) -> Any:
 
         def searcher(scan: Any, base: Any, excluded: set[tuple[str, str]], bank: Any) -> Any:
             without.append({name for name, _ in excluded})
-            return SimpleNamespace(run=lambda: None, contest=None)
+            named = [f.named for outcome in left[:1] for each in outcome for f in each]
+            search = SimpleNamespace(named=named)
+            return SimpleNamespace(run=lambda: search, contest=None)
 
         monkeypatch.setattr(confirmation, "Searcher", searcher)
         monkeypatch.setattr(confirmation, "_confirmed", lambda work, search: (None, *left.pop(0)))
@@ -59,6 +61,13 @@ def test_it_is_looked_for_once_more_and_not_a_third_time(rounds: Any) -> None:
     again = [_finding(OFFSET, REFUSED), _finding(SPRING, IDLE)]
     _, without = rounds(([], first), ([], again), ([], []))
     assert without == [set(), {CONTACT}, {CONTACT, SPRING, OFFSET}]
+
+
+def test_what_was_named_before_what_is_refused_had_not_been_fitted_to_what_it_left(
+    rounds: Any,
+) -> None:
+    _, without = rounds(([], [_finding(SPRING, IDLE), _finding(CONTACT, REFUSED)]), ([], []))
+    assert without == [set(), {CONTACT, SPRING}]
 
 
 def test_where_none_is_to_blame_all_are_left_out(rounds: Any) -> None:

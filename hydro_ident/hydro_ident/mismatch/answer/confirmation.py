@@ -38,7 +38,7 @@ def searched(work: Residuals, base: Fitted) -> tuple[Search, Fitted, list[Findin
         whole, findings, failed = _confirmed(work, search)
         if failed:
             findings = [_told_anew(searcher.contest, work, whole, f) for f in findings]
-        excluded |= _not_again(failed, set(rejected))
+        excluded |= _not_again(search.named, failed, set(rejected))
         rejected |= {_key(f): f for f in failed}
         if findings or not failed:
             break
@@ -50,15 +50,19 @@ def _key(finding: Finding) -> tuple[str, str]:
     return finding.named.term.effect.name, finding.named.term.target
 
 
-def _not_again(failed: Sequence[Finding], before: set[tuple[str, str]]) -> set[tuple[str, str]]:
+def _not_again(
+    named: Sequence[Named], failed: Sequence[Finding], before: set[tuple[str, str]]
+) -> set[tuple[str, str]]:
     """Effects and targets of refused findings that are not looked for again.
 
-    What does not stand out once another is refused had been fitted to what that one left: it may
-    be found by itself, once more.
+    What was named behind one that is refused, and does not stand out without it, had been fitted
+    to what that one left: it may be found by itself, once more.
     """
-    all_of_them = {_key(f) for f in failed}
-    blamed = {_key(f) for f in failed if not f.verification.idle}
-    return (blamed or all_of_them) | (all_of_them & before)
+    order = [(n.term.effect.name, n.term.target) for n in named]
+    idle = {_key(f) for f in failed if f.verification.idle}
+    blamed = [order.index(key) for key in map(_key, failed) if key in order and key not in idle]
+    again = set(order[min(blamed, default=len(order)) + 1 :]) & idle
+    return {_key(f) for f in failed} - (again - before)
 
 
 def _told_anew(contest: Contest, work: Residuals, whole: Fitted, found: Finding) -> Finding:
