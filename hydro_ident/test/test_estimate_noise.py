@@ -106,3 +106,21 @@ def test_a_ringing_arm_is_no_noise_of_its_encoder(every: int, spread_rad: float)
     sensor.add(read, slice(0, read.size), 2.0e-3 * every)
     true = math.hypot(spread_rad, count / math.sqrt(12.0))
     assert sensor.noise(count) == pytest.approx(true, rel=0.3)
+
+
+def test_an_encoders_noise_weighs_as_the_inertia_that_was_fitted(
+    robot: Robot, crane_run: Any
+) -> None:
+    """Twice the inertia of all links makes twice of it; pressures' noise stays as it is."""
+    seen, filters = traces_of([crane_run.recording()]), FilterSettings()
+    bare = tuple(replace(c, barrel=None, rod=None) for c in robot.cylinders)
+    robot = replace(robot, cylinders=bare, part_inertia=None)
+    model = force_model(robot)
+    heavy = replace(robot, link_inertia=2.0 * robot.link_inertia)
+    weightless = replace(robot, link_inertia=1e-9 * robot.link_inertia)
+    plain, twice, none = (
+        force_noise(model, seen, filters, one) ** 2 for one in (None, heavy, weightless)
+    )
+    assert np.all(none < 0.9 * plain)
+    np.testing.assert_allclose(twice - none, 4.0 * (plain - none), rtol=1e-6)
+    np.testing.assert_array_equal(plain, force_noise(model, seen, filters, robot) ** 2)

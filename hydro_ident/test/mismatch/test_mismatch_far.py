@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_ident.estimate.scoring.noise import force_noise
 from hydro_ident.mismatch.answer.channel_results import channels_of, rows_of_training
 from hydro_ident.mismatch.answer.diagnosis import diagnose
 from hydro_ident.mismatch.answer.lacking import distance, lacking, lacking_elsewhere
@@ -153,3 +154,12 @@ def test_what_dry_friction_holds_at_rest_leaves_no_doubt(
     # Rest included, more is left than was explained.
     assert rms(lift.measured - lift.after) > 0.7 * rms(lift.measured - lift.before)
     assert found.verdict == "explained"
+
+
+def test_floors_of_a_diagnosis_are_of_its_fitted_inertia(rubbing: Residuals) -> None:
+    floors = rubbing.noise_floors()
+    material, fitted = rubbing.training.predictor.material, rubbing.base.model.robot
+    for robot, same in ((fitted, True), (None, False)):
+        noise = force_noise(material.forces, rubbing.signals, material.filters, robot)
+        own = [floors[name] for name in material.forces.channels]
+        assert (own == pytest.approx(noise.tolist(), rel=1e-12)) is same

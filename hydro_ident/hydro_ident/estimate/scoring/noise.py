@@ -22,7 +22,10 @@ from hydro_model.robot import FloatArray, Robot
 
 
 def force_noise(
-    model: ForceModel, seen: Sequence[Trace] | SignalSurvey, settings: FilterSettings
+    model: ForceModel,
+    seen: Sequence[Trace] | SignalSurvey,
+    settings: FilterSettings,
+    fitted: Robot | None = None,
 ) -> FloatArray:
     """Noise floor of the force channels, shape (n,).
 
@@ -36,6 +39,8 @@ def force_noise(
     seen : sequence of Trace, or SignalSurvey
         Where the sensors' noise is taken from.
     settings : FilterSettings
+    fitted : Robot, optional
+        The robot with inertia that was fitted; by default the model's own.
     """
     robot = model.robot
     survey = seen if isinstance(seen, SignalSurvey) else SignalSurvey.of(robot, seen)
@@ -48,7 +53,7 @@ def force_noise(
     )
     encoder = encoder_noise(survey)
     pose = survey.pose
-    inertia = np.asarray(mass_matrix(robot, pose))
+    inertia = np.asarray(mass_matrix(fitted or robot, pose))
     variance = (inertia**2) @ (encoder * accelerate) ** 2
     measured = range(robot.dof) if model.torque else robot.dry_joints
     for joint in measured:

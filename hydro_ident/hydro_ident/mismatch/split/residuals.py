@@ -112,7 +112,9 @@ class Residuals:
         floors = dict(
             zip(
                 material.forces.channels,
-                force_noise(material.forces, signals, material.filters).tolist(),
+                force_noise(
+                    material.forces, signals, material.filters, self.base.model.robot
+                ).tolist(),
                 strict=True,
             )
         )
