@@ -38,6 +38,7 @@ from hydro_ident.mismatch.answer.outcome import (
     Finding,
 )
 from hydro_ident.mismatch.answer.rail_constants import parted_rails, rail_notes
+from hydro_ident.mismatch.answer.runs_off import runs_off
 from hydro_ident.mismatch.fitting.as_listed import as_listed_notes
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.locating.locate import dependences
@@ -170,7 +171,9 @@ def _diagnosed(
     notes += instant_notes(work, whole)
     # At rest dry friction is whatever holds the load, and what is left there no law's to explain.
     in_motion = channels_of(work, whole, replace(work.check, mask=work.check.rows_in_motion))
-    doubtful = _doubtful(work, findings, in_motion, ratios)
+    off = runs_off(run)
+    notes += off
+    doubtful = bool(off) or _doubtful(work, findings, in_motion, ratios)
     return Diagnosis(
         _verdict(findings, [*rejected, *taken], unknown, doubtful),
         work.robot,
