@@ -179,6 +179,7 @@ RESTLESS = {
 RUNS_AWAY = "stretched and folded, slowly"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", RESTLESS)
 def test_whatever_jumps_the_limits_are_kept_or_the_arm_is_stopped(
     monkeypatch: pytest.MonkeyPatch, name: str

@@ -213,7 +213,11 @@ def _right_cycles(found: Found) -> list[int]:
 
 
 @each_way
-@pytest.mark.parametrize("kind", ["project", "killed", "chunks", "no chunks"])
+@pytest.mark.parametrize(
+    "kind",
+    ["project", pytest.param("killed", marks=pytest.mark.thorough),
+     pytest.param("chunks", marks=pytest.mark.thorough), "no chunks"],
+)  # fmt: skip
 def test_cut_at_every_byte_a_prefix_is_read_and_the_loss_said(
     tmp_path: Path, project_bag: Path, killed_bag: Path, kind: str, way: Callable[[Path], Found]
 ) -> None:
@@ -311,6 +315,7 @@ def test_a_bag_without_checksums_is_called_so_whatever_byte_changed(
         assert ("not checksummed" in text_of(inspection)) != bag.checksum_failed, at
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("chunked", [True, False])
 def test_whatever_byte_changed_a_bag_without_checksums_ends_in_few_pieces(
     tmp_path: Path, chunked: bool

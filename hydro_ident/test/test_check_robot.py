@@ -331,6 +331,7 @@ def test_the_command_writes_one_file_that_fetches_nothing(
     assert [c["name"] for c in data["cylinders"]] == ["lift_cylinder", "tilt_cylinder"]
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("plotly")
 def test_a_browser_opens_the_drawing_without_errors(
     crane: Crane, tmp_path: Path, browser_check: Callable[..., dict[str, Any]]

@@ -243,6 +243,7 @@ def test_its_sections_and_axes_are_those_of_a_report(
     assert len(figures_of(report)) > 20
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("plotly")
 def test_a_browser_opens_it_without_errors(
     found: Diagnosis, tmp_path: Path, browser_check: Callable[..., dict[str, Any]]

@@ -237,6 +237,7 @@ def test_a_gear_that_rubs_under_load_is_found(diagnosed: Callable[..., dict[str,
     }
 
 
+@pytest.mark.thorough
 def test_a_gear_with_play_is_found(diagnosed: Callable[..., dict[str, Any]]) -> None:
     found = diagnosed("play")
     assert _named(found) == {("elbow/torque", "backlash"): pytest.approx(GAP, rel=0.15)}

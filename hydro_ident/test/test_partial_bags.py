@@ -147,6 +147,7 @@ def test_a_recording_is_cut_where_a_sensor_fails_for_long_alone(crane_run) -> No
     assert traces(*(slice(k, k + 300) for k in range(0, count, 1000))) == [(count, False)]
 
 
+@pytest.mark.thorough
 def test_robust_weights_do_without_lost_pressures(short_run, identify_bag) -> None:
     """A channel without a row has no residuals to be weighted by; the others are as good."""
     gone = ("tilt_cylinder/a", "tilt_cylinder/b")

@@ -193,6 +193,7 @@ def test_roll_outs_correct_a_friction_that_the_equations_got_wrong(
     assert found.rollouts <= BUDGET.rollouts
 
 
+@pytest.mark.thorough
 def test_a_good_fit_is_not_harmed(work: Residuals, whole: Fitted) -> None:
     found = _refined(work, whole)
     force = next(p for p in found.parameters if p.name.endswith(".force"))
@@ -215,6 +216,7 @@ def test_what_held_out_windows_contradict_is_refused(
     assert found.robot.effects[0].parameters["force"] == pytest.approx(1800.0)
 
 
+@pytest.mark.thorough
 def test_a_parameter_that_leaves_its_interval_is_refused(work: Residuals, whole: Fitted) -> None:
     """Far off, but said to be known well: one of the two is wrong, and nobody knows which."""
     found = _refined(work, _supposed(work, whole, 400.0, 150.0))

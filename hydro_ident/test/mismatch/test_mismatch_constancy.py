@@ -207,6 +207,7 @@ def test_rows_in_which_a_drag_would_not_stand_out_say_nothing_of_it(
         assert _there(confirmer, "lift/force", 60.0) is told
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["nothing", "all along", "whatever moves"])
 def test_what_does_not_come_and_go_against_the_motion(
     minute: Any, lay_out: Callable[..., Residuals], kind: str

@@ -105,6 +105,7 @@ def sprung(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
     return _seen(make_run, lay_out, FINE_RAD, SPRING)
 
 
+@pytest.mark.thorough
 def test_there_is_no_more_noise_than_a_fit_leaves(
     sprung: Residuals, monkeypatch: pytest.MonkeyPatch
 ) -> None:

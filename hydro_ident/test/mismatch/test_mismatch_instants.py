@@ -73,6 +73,7 @@ def _start(term: Any) -> float:
     return float(term.parameters[1])
 
 
+@pytest.mark.thorough
 def test_a_load_begins_where_the_other_recording_has_it(loaded: Residuals, whole: Fitted) -> None:
     there, tried = at_own_instants(loaded.training, loaded.check, whole.model)
     assert _start(whole.model.terms[0]) == HERE_S

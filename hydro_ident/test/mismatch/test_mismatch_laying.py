@@ -127,6 +127,7 @@ def test_a_pressure_that_is_missing_at_times_leaves_no_half_known_rows(
     assert 11.0 < laid.time_s[own].max() < 12.0
 
 
+@pytest.mark.thorough
 def test_rows_to_verify_on_know_what_the_fitted_ones_do(crane_run, lay_out: Any) -> None:
     """A leak that was found with both pressures is no part of a balance that lacks one."""
     for fitted, verified, own in (("", "b", False), ("b", "", True), ("b", "b", True)):

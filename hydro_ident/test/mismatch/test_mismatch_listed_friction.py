@@ -46,6 +46,7 @@ def test_what_is_listed_stands_as_a_bristle(bent: Residuals) -> None:
     assert float(said[1]) == pytest.approx(0.1, rel=0.15)
 
 
+@pytest.mark.thorough
 def test_no_other_friction_is_found_beside_it(bent: Residuals) -> None:
     answer = answered(bent, base_to_search(bent))
     assert answer.names == set()

@@ -68,6 +68,7 @@ def test_knees_are_tried_where_the_valve_has_been(bent: Residuals) -> None:
     assert [is_free(one, 1) for one in chosen] == [one.parameters[1] > 0.0 for one in chosen]
 
 
+@pytest.mark.thorough
 def test_a_knee_is_found_where_it_is(bent: Residuals) -> None:
     search = _searched(bent)
     assert [n.names for n in search.named] == [("valve_gain_nonlinearity",)]
