@@ -243,3 +243,18 @@ def within(
 def run_module() -> Callable[..., subprocess.CompletedProcess[str]]:
     """`run_module(module, *arguments)`: a command of hydro_control that ends by itself."""
     return _run_module
+
+
+@pytest.fixture
+def node(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """A controller in this process, in the module's own `DOMAIN`."""
+    import rclpy
+
+    from hydro_control.node.controller_node import ControllerNode
+
+    monkeypatch.setitem(os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    rclpy.init(domain_id=request.module.DOMAIN)
+    node = ControllerNode()
+    yield node
+    node.close()
+    rclpy.try_shutdown()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -12,20 +11,9 @@ import pytest
 rclpy = pytest.importorskip("rclpy")
 
 from hydro_control.core.core import Sample  # noqa: E402
-from hydro_control.node.controller_node import ControllerNode  # noqa: E402
 
 pytestmark = pytest.mark.ros
 DOMAIN = 10 + (os.getpid() + 70) % 90
-
-
-@pytest.fixture
-def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    monkeypatch.setitem(os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    rclpy.init(domain_id=DOMAIN)
-    node = ControllerNode()
-    yield node
-    node.close()
-    rclpy.try_shutdown()
 
 
 def test_what_was_asked_for_before_driving_ended_is_overtaken(node: Any) -> None:

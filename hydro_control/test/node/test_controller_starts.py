@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import os
 import threading
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -15,21 +14,10 @@ rclpy = pytest.importorskip("rclpy")
 from rclpy.lifecycle import TransitionCallbackReturn  # noqa: E402
 
 from hydro_control.errors import ControlError  # noqa: E402
-from hydro_control.node.controller_node import ControllerNode  # noqa: E402
 from hydro_control.node.hot_path import HotPath  # noqa: E402
 
 pytestmark = pytest.mark.ros
 DOMAIN = 10 + (os.getpid() + 80) % 90
-
-
-@pytest.fixture
-def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    monkeypatch.setitem(os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    rclpy.init(domain_id=DOMAIN)
-    node = ControllerNode()
-    yield node
-    node.close()
-    rclpy.try_shutdown()
 
 
 def state_of(node: Any) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from hydro_ident.mismatch.answer.outcome import Finding
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.naming.worth import STATIC
+from hydro_ident.mismatch.rows.modelled import same
 from hydro_ident.mismatch.split.held_out import rms
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_model.robot import FloatArray
@@ -51,12 +52,7 @@ def cancelled(work: Residuals, whole: Fitted, findings: Sequence[Finding]) -> li
 
 def _contribution(work: Residuals, whole: Fitted, finding: Finding) -> FloatArray:
     """What a finding adds to the prediction of the training rows, (N,)."""
-    term = finding.named.term
-    terms = [
-        t
-        for t in whole.model.terms
-        if (t.effect.name, t.target) == (term.effect.name, term.target)
-    ]
+    terms = [t for t in whole.model.terms if same(t, finding.named.term)]
     predictor = work.training.predictor
     none = np.zeros(work.training.mask.size)
     return sum((predictor.contribution(whole.model, t) for t in terms), start=none)
