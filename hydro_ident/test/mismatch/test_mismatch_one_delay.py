@@ -14,11 +14,12 @@ from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.modelling.model import robot_of
 from hydro_ident.mismatch.naming.contest import Contest
-from hydro_ident.mismatch.naming.lags import OF_VALVES, resolved
+from hydro_ident.mismatch.naming.lags import OF_VALVES, lag_s, resolved
 from hydro_ident.mismatch.naming.name import Searcher
 from hydro_ident.mismatch.naming.named import Named, named_of
-from hydro_ident.mismatch.naming.one_delay import as_one_delay, from_one_delay
+from hydro_ident.mismatch.naming.one_delay import as_one_delay
 from hydro_ident.mismatch.naming.revision import Revision
+from hydro_ident.mismatch.naming.valley import from_one_delay
 from hydro_ident.mismatch.rows.prediction import Model
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
@@ -121,6 +122,34 @@ def test_beside_a_delay_only_what_makes_valves_late_is_weighed_at_each(
     contest.at_each(late.base, noise, found, ())
     assert "valve_spool_lag" in asked
     assert set(asked) <= set(OF_VALVES)
+
+
+def test_spools_that_all_lag_are_begun_anew_together(
+    make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    """One alone is fitted beside a base that is late at the other: neither is told."""
+    true_crane, simulated_run = make_run
+    slow = tuple(
+        EffectSpec("valve_spool_lag", f"{joint}_valve", {"frequency": hz, "damping": 0.6})
+        for joint, hz in (("lift", 24.0), ("tilt", 20.0))
+    )
+    work = lay_out(simulated_run(replace(true_crane(), effects=slow), 13.0))
+    noise = fit(work.training, _with(work, slow), passes=8).bench.noise
+    contest, without = Contest(work.training), fitted(work.training, work.base.model, noise)
+    (delay,) = contest.fitted(without, _with(work, (LATE,)).terms, noise)
+    # Where such fits come to rest: damped so much that frequency and damping are one number.
+    resting = [replace(one, parameters={"frequency": 450.0, "damping": 2.9}) for one in LAGS]
+    alone = [
+        replace(delay, term=one, fitted=fitted(work.training, base.with_term(one), noise).weighed)
+        for base, one in ((work.base.model, term) for term in _with(work, resting).terms)
+    ]
+    found = replace(named_of([delay], 0.0005, 1.0), tried=(delay, *alone))
+    each = contest.at_each(work.base, noise, found, ())
+    assert [n.names[0] for n in each.named] == ["valve_spool_lag"] * 2
+    late_s = [lag_s(t) + d for t, d in zip(each.model.terms, each.model.delays_s, strict=True)]
+    own_s = true_crane().command_delay_s
+    true_s = [0.6 / (np.pi * hz) + own_s for hz in (24.0, 20.0)]
+    assert late_s == pytest.approx(true_s, abs=1.5e-4)
 
 
 def test_what_was_named_is_weighed_again_whatever_another_gained_in_training(

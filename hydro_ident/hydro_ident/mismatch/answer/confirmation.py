@@ -14,8 +14,8 @@ from hydro_ident.mismatch.fitting.fitting import fit, settled
 from hydro_ident.mismatch.naming.contest import Contest
 from hydro_ident.mismatch.naming.name import Search, Searcher
 from hydro_ident.mismatch.naming.named import Named
-from hydro_ident.mismatch.naming.one_delay import from_one_delay
 from hydro_ident.mismatch.naming.revision import Revision
+from hydro_ident.mismatch.naming.valley import from_one_delay
 from hydro_ident.mismatch.rows.modelled import same
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.mismatch.verifying.agreement import fitted_there

@@ -26,6 +26,7 @@ from hydro_ident.mismatch.naming.few_motions import FewMotions
 from hydro_ident.mismatch.naming.fit_starts import Starts
 from hydro_ident.mismatch.naming.lags import OF_VALVES, base_delay, resolved
 from hydro_ident.mismatch.naming.named import Named, named_of
+from hydro_ident.mismatch.naming.valley import begun_anew
 from hydro_ident.mismatch.naming.worth import bears, in_reach, sized
 from hydro_ident.mismatch.rows.base_columns import DELAY
 from hydro_ident.mismatch.rows.prediction import Model
@@ -179,14 +180,10 @@ class Contest:
             names = dict.fromkeys(name for name in names if name in OF_VALVES)
         for name in names:
             own = self._at_all(without, noise, found, scores, name)
-            # Numbers that only together come to a delay are none of a hose.
-            if len(own) < 2 or not all(sized(c) for c in own):
+            if len(own) < 2:
                 continue
-            model = current.model
-            for one in own:
-                model = model.with_term(one.term)
-            together = fit(self.training, model, noise, PASSES)
-            if any(at_a_bound(t) for t in together.model.terms):
+            together = self._together(current.model, noise, own)
+            if together is None:
                 continue
             gain = unit * (before - self.held_out(together))
             if found.term.effect.name == DELAY:
@@ -213,6 +210,19 @@ class Contest:
         rest = [s for s in firsts(scores) if s.entry.trial.name == name]
         rest = [s for s in rest if s.entry.trial.target not in at]
         return own + self.fitted(without, [self.starts.start(without, s) for s in rest], noise)
+
+    def _together(self, model: Model, noise: Noise, own: Sequence[Contender]) -> Fitted | None:
+        """A model with an effect at every target; None where that says no more than a delay."""
+        for one in own:
+            model = model.with_term(one.term)
+        # One alone makes the other valves late by what the base has, and comes out as it may.
+        whole = begun_anew(self.training, fit(self.training, model, noise, PASSES))
+        terms = whole.model.terms[-len(own) :]
+        deviations = whole.weighed.deviations
+        if any(at_a_bound(t) for t in whole.model.terms):
+            return None
+        # Numbers that only together come to a delay are none of a hose.
+        return whole if all(sized(t, deviations) for t in terms) else None
 
     def _one_of(self, found: Named, one: Contender) -> Named:
         """A contender as a finding, beside those that were tried at its target."""

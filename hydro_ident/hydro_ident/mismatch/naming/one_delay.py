@@ -2,10 +2,6 @@
 
 Which of them fits better is first asked where other effects are still missing, and whatever has
 more numbers then takes up a part of those. With the others in place it is asked again.
-
-A lag and its valve's own delay go together along a bent valley, and a fit that starts beside it
-stays where it comes down to the floor. As all valves hear one bus, the delay of those that do not
-lag is a better place to start from.
 """
 
 from __future__ import annotations
@@ -16,21 +12,15 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
-from hydro_ident.mismatch.fitting.fitting import fit, settled
+from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.naming.contest import PASSES, Contest
-from hydro_ident.mismatch.naming.lags import OF_VALVES, lag_s, resolved
+from hydro_ident.mismatch.naming.lags import OF_VALVES, resolved
 from hydro_ident.mismatch.naming.named import Named, named_of
 from hydro_ident.mismatch.rows.base_columns import DELAY
-from hydro_ident.mismatch.rows.prediction import Model
 from hydro_ident.mismatch.trials.candidates import trials
 from hydro_ident.mismatch.trials.contender import Contender, at_a_bound
-from hydro_ident.mismatch.trials.exclusion import SPOOL
 from hydro_ident.mismatch.trials.scoring import Score, bank_of, score
-from hydro_model.effects.targets import ActiveEffect
-
-#: Passes of the fit of a lag that is begun anew: the valley is long.
-_ANEW = 12
 
 
 def as_one_delay(
@@ -68,54 +58,6 @@ def as_one_delay(
             result = [delay if n is lags[0] else n for n in result if n not in lags[1:]]
             current, listed = fit(contest.training, delay.modelled.fitted.model, passes=2), True
     return result, current
-
-
-def from_one_delay(training: Training, current: Fitted) -> Fitted:
-    """A fit with the lags of spools begun anew from the delay of the other valves.
-
-    Parameters
-    ----------
-    training : Training
-    current : Fitted
-
-    Returns
-    -------
-    Fitted
-        The one given where the other valley is no deeper, or no spool lags.
-    """
-    model, columns = current.model, training.predictor.delay_columns
-    lagging = [
-        t
-        for t in model.terms
-        if t.effect.name == SPOOL and t.cylinder in columns and not training.keeps(t)
-    ]
-    if not lagging:
-        return current
-    own = {t.cylinder for t in lagging}
-    others = [model.delays_s[i] for i in columns if i not in own]
-    delay_s = float(np.median(others)) if others else min(model.delays_s[i] for i in columns)
-    terms = tuple(
-        _longer(t, model, delay_s) if any(t is one for one in lagging) else t for t in model.terms
-    )
-    delays_s = tuple(delay_s if i in own else d for i, d in enumerate(model.delays_s))
-    start = replace(model, terms=terms, delays_s=delays_s)
-    fresh = fit(training, start, current.bench.noise, _ANEW)
-    if fresh.start_squares >= current.start_squares:
-        return current
-    return settled(training, fit(training, fresh.model, passes=2))
-
-
-def _longer(term: ActiveEffect, model: Model, delay_s: float) -> ActiveEffect:
-    """A spool's lag with what its valve is later than a delay."""
-    names = [spec.name for spec in term.effect.parameters]
-    at, damped = names.index("frequency"), names.index("damping")
-    parameters = term.parameters.copy()
-    late_s = lag_s(term) + model.delays_s[int(term.cylinder or 0)] - delay_s
-    parameters[damped] = term.effect.parameters[damped].typical
-    spec = term.effect.parameters[at]
-    hz = parameters[damped] / (np.pi * max(late_s, 1.0e-6))
-    parameters[at] = min(max(hz, spec.lower), spec.upper)
-    return replace(term, parameters=parameters)
 
 
 def _in_place(contest: Contest, lags: Sequence[Named], current: Fitted) -> Named | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -195,14 +195,16 @@ def bears(training: Training, one: Contender) -> bool:
     return any(bool(np.any(load > flank)) for load in loads)
 
 
-def sized(one: Contender) -> bool:
-    """Whether the rows tell how large a contender is: its size, to half of it (one deviation).
+def sized(term: ActiveEffect, deviations: Mapping[str, float]) -> bool:
+    """Whether the rows tell how large an effect is: its size, to half of it (one deviation).
 
     Parameters
     ----------
-    one : Contender
+    term : ActiveEffect
+        As fitted.
+    deviations : mapping of str to float
+        Of the fit's numbers, as `Weighed.deviations`.
     """
-    term, deviations = one.term, one.fitted.deviations
     sizes = [(term.effect.parameters[k].name, abs(term.parameters[k])) for k in term.effect.sizes]
     own = f"{term.target}.{term.effect.name}."
     return all(deviations.get(own + name, 0.0) <= _TOLD * size for name, size in sizes)
