@@ -27,12 +27,12 @@ from hydro_ident.mismatch.naming.fit_starts import Starts
 from hydro_ident.mismatch.naming.lags import OF_VALVES, base_delay, resolved
 from hydro_ident.mismatch.naming.named import Named, named_of
 from hydro_ident.mismatch.naming.valley import begun_anew
-from hydro_ident.mismatch.naming.worth import bears, in_reach, sized
+from hydro_ident.mismatch.naming.worth import bears, in_reach
 from hydro_ident.mismatch.rows.base_columns import DELAY
 from hydro_ident.mismatch.rows.prediction import Model
 from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS
 from hydro_ident.mismatch.trials.chance import overdispersed, overdispersion, told_best
-from hydro_ident.mismatch.trials.contender import Contender, at_a_bound
+from hydro_ident.mismatch.trials.contender import Contender, at_a_bound, sized
 from hydro_ident.mismatch.trials.scoring import Score
 from hydro_model.effects.targets import ActiveEffect
 

@@ -17,6 +17,9 @@ from hydro_model.effects.targets import ActiveEffect
 _ALTERNATIVE = 0.9
 #: Probability of the best name from which a finding in a few motions is one.
 _LEAST_SURE = 0.25
+#: Share of a law's tolerance that is a delay's: it is time and nothing else, and what it shifts
+#: has a form of its own.
+_OF_TIME = 0.1
 #: Log-likelihood (twice) that a difference of the form's tolerance is worth.
 _FORM_NATS = 4.0
 
@@ -178,7 +181,8 @@ def named_of(
 
     Log-likelihood counts in units of the sums' overdispersion, and of the catalogue's form: laws
     that differ by less than `FORM_TOLERANCE` of the effect itself are told apart by their
-    parameters' cost alone, since no machine follows either to the last newton.
+    parameters' cost alone, since no machine follows either to the last newton. A delay has no form
+    but time: what it leaves where another law leaves less speaks against it.
 
     Parameters
     ----------
@@ -197,17 +201,24 @@ def named_of(
     own, spread = spread, max(spread, form, few)
     costs = {id(c): _cost_among(c, contenders) for c in contenders}
 
-    def own_evidence(one: Contender) -> float:
-        return 0.5 * one.held_out / spread - costs[id(one)]
+    timed = max(own, _OF_TIME**2 * form, few)
+    most = max((c.held_out for c in contenders if not at_a_bound(c.term)), default=-np.inf)
 
-    possible = [own_evidence(c) for c in contenders if not at_a_bound(c.term)]
+    def own_evidence(one: Contender) -> float:
+        missed = max(most - one.held_out, 0.0) if one.term.effect.name == DELAY else 0.0
+        misfit = 0.5 * missed * (1.0 / min(timed, spread) - 1.0 / spread)
+        return 0.5 * one.held_out / spread - misfit - costs[id(one)]
+
+    # Neither at the end of its range nor where its size may be anything is a law told from others;
+    # it is never before them.
+    behind = {id(c): bool(at_a_bound(c.term)) or not c.sized for c in contenders}
+    possible = [own_evidence(c) for c in contenders if not behind[id(c)]]
 
     def evidence_of(one: Contender) -> float:
-        # At the end of its range a law is not told from possible ones, but never before them.
-        limit = max(possible) if possible and at_a_bound(one.term) else np.inf
+        limit = max(possible) if possible and behind[id(one)] else np.inf
         return min(own_evidence(one), limit)
 
-    ranked = sorted(contenders, key=lambda c: (-evidence_of(c), bool(at_a_bound(c.term))))
+    ranked = sorted(contenders, key=lambda c: (-evidence_of(c), behind[id(c)]))
     evidence = np.array([evidence_of(c) for c in ranked])
     weights = np.exp(evidence - evidence[0])
     weights /= weights.sum()
@@ -219,6 +230,7 @@ def named_of(
         n: float(sum(w for c, w in zip(ranked, weights, strict=True) if c.name == n))
         for n in names
     }
+    names.sort(key=lambda name: -total[name])
     gain = ranked[0].gain
     shares = tuple(total[n] for n in names)
     told = Named(kept, shares, p, gain, tuple(ranked), own, few=few, allowance=allowance)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -45,8 +45,6 @@ _OF_ONE_FORM = frozenset({"constant_force_offset", "dead_volume", "valve_null_bi
 _NEXT_TO_ALL = 0.95
 #: Laws of how much oil is compressed, or how stiff it is.
 _COMPRESSED = frozenset({"dead_volume", "entrained_air"})
-#: Share of itself that a size's deviation is at most where the rows tell it.
-_TOLD = 0.5
 #: What a joint runs against, the share of its largest force from which it is met, and the share of
 #: the rows in which a spring is.
 CONTACT, _TOUCHED, _MOSTLY = "external_contact", 0.01, 0.5
@@ -193,21 +191,6 @@ def bears(training: Training, one: Contender) -> bool:
     stretches = training.predictor.material.stretches
     loads = [np.abs(s.trace.joint_torque[:, term.joint]) for s in stretches]
     return any(bool(np.any(load > flank)) for load in loads)
-
-
-def sized(term: ActiveEffect, deviations: Mapping[str, float]) -> bool:
-    """Whether the rows tell how large an effect is: its size, to half of it (one deviation).
-
-    Parameters
-    ----------
-    term : ActiveEffect
-        As fitted.
-    deviations : mapping of str to float
-        Of the fit's numbers, as `Weighed.deviations`.
-    """
-    sizes = [(term.effect.parameters[k].name, abs(term.parameters[k])) for k in term.effect.sizes]
-    own = f"{term.target}.{term.effect.name}."
-    return all(deviations.get(own + name, 0.0) <= _TOLD * size for name, size in sizes)
 
 
 def _explained(training: Training, current: Fitted, bench: Bench, acting: Sequence[int]) -> float:

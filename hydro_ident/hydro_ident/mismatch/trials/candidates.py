@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hydro_ident.mismatch.rows.base_columns import DELAY
 from hydro_ident.mismatch.rows.material import Material
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
 from hydro_ident.mismatch.rows.testable import untestable
@@ -137,6 +138,9 @@ def trials(
 
 def _at_targets(material: Material, effect: Effect) -> list[ActiveEffect]:
     robot = material.robot
+    if effect.name == DELAY and effect.acts_on == "robot" and len(robot.valves) == 1:
+        # One valve's own delay is that of all.
+        return []
     named = [*targets(robot, effect), *(RAILS if effect.name == RAIL_BIAS else ())]
     result = [
         at_work(robot, effect, p, effect.typical.copy())

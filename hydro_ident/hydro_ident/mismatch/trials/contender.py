@@ -37,6 +37,8 @@ _TURNING = {
 #: gives way by a metre under a push of 100 N is no ground, and nothing that turns an arm by a
 #: radian under 2 kN m.
 _LEAST = {("external_contact", "stiffness"): (100.0, 2000.0)}
+#: Share of itself that a size's deviation is at most where the rows tell it.
+_TOLD = 0.5
 #: A parameter is at a bound within this share of it.
 _BOUND = 1.0e-3
 
@@ -76,6 +78,11 @@ class Contender:
         if self.name == BRISTLE:
             names.append(self._named_within(1.0 / _AS_DRY))
         return tuple(name for name in dict.fromkeys(names) if name != self.name)
+
+    @property
+    def sized(self) -> bool:
+        """Whether the rows tell how large it is (`sized`)."""
+        return sized(self.term, self.fitted.deviations)
 
     def rivals(self, other: Contender) -> bool:
         """Whether two cannot stand side by side, by their laws or by the names that they bear."""
@@ -125,6 +132,21 @@ def as_dry(bristle: ActiveEffect) -> bool:
     parameter, least, _, _ = _limits_at(bristle)[BRISTLE]
     at = [p.name for p in bristle.effect.parameters].index(parameter)
     return bool(bristle.parameters[at] <= _AS_DRY * least)
+
+
+def sized(term: ActiveEffect, deviations: Mapping[str, float]) -> bool:
+    """Whether the rows tell how large an effect is: its size, to half of it (one deviation).
+
+    Parameters
+    ----------
+    term : ActiveEffect
+        As fitted.
+    deviations : mapping of str to float
+        Of the fit's numbers, as `Weighed.deviations`.
+    """
+    sizes = [(term.effect.parameters[k].name, abs(term.parameters[k])) for k in term.effect.sizes]
+    own = f"{term.target}.{term.effect.name}."
+    return all(deviations.get(own + name, 0.0) <= _TOLD * size for name, size in sizes)
 
 
 def at_a_bound(term: ActiveEffect) -> str:
