@@ -10,6 +10,7 @@ import pytest
 from scipy.signal import lfilter
 
 from hydro_ident.mismatch.fitting.bench import Bench, Partial
+from hydro_ident.mismatch.fitting.weighed import Weighed
 from hydro_ident.mismatch.fitting.whitening import Layout, Noise
 from hydro_ident.mismatch.naming.named import named_of
 from hydro_ident.mismatch.settings import SEED
@@ -23,6 +24,8 @@ from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
 ROWS, STEP_S, BLOCK_S, LEVEL = 1200, 0.05, 2.0, 0.05
+#: A fit of nothing: no number of it has a deviation.
+UNFITTED = Weighed(None, (), np.zeros((0, 0)), np.zeros(0))  # type: ignore[arg-type]
 WHITE = Noise((np.zeros(0),), np.ones(1))
 LAWS = (
     EffectSpec("coulomb_friction", "lift_cylinder", {"force": 1500.0}),
@@ -151,7 +154,7 @@ def test_what_stands_out_on_other_rows_is_taken_out_with_the_best(
 
 
 def _contender(term: ActiveEffect, held_out: float) -> Contender:
-    return Contender(term, None, 400.0, held_out, 3.0)  # type: ignore[arg-type]
+    return Contender(term, UNFITTED, 400.0, held_out, 3.0)
 
 
 def test_laws_that_predict_alike_come_together(laws: list[ActiveEffect]) -> None:
@@ -165,6 +168,49 @@ def test_a_law_that_predicts_far_worse_is_not_in_the_set(laws: list[ActiveEffect
     told = named_of([_contender(law, held) for law, held in pairs], 0.001, 1.0)
     assert told.names == (laws[0].effect.name,)
     assert told.probability[0] > 0.99
+
+
+@pytest.fixture
+def late(robot: Robot) -> list[ActiveEffect]:
+    """A spool that lags, and a delay of its valve."""
+    specs = (
+        EffectSpec("valve_spool_lag", "lift_valve", {"frequency": 30.0, "damping": 0.7}),
+        EffectSpec("command_delay", "lift_valve", {"delay": 0.007}),
+    )
+    return list(resolve(replace(robot, effects=specs)))
+
+
+@pytest.mark.parametrize(
+    ("lead", "first", "count"),
+    [(900.0, "valve_spool_lag", 1), (150.0, "valve_spool_lag", 2), (-900.0, "command_delay", 2)],
+)
+def test_what_a_delay_leaves_where_a_lag_leaves_less_speaks_against_it(
+    late: list[ActiveEffect], lead: float, first: str, count: int
+) -> None:
+    """Time has one form; a lag's is an idealisation, which may be off by a share of it."""
+    lag, delay = sorted(late, key=lambda one: one.effect.name == "command_delay")
+    gain = 4.0e6
+    held = {lag.effect.name: gain + max(lead, 0.0), delay.effect.name: gain - min(lead, 0.0)}
+    both = [Contender(one, UNFITTED, gain, held[one.effect.name], 4.0) for one in (lag, delay)]
+    told = named_of(both, 0.001, 1.0)
+    assert told.names[0] == first
+    assert len(told.names) == count
+    assert list(told.probability) == sorted(told.probability, reverse=True)
+
+
+def test_a_law_whose_size_may_be_anything_is_before_none_that_is_told(
+    late: list[ActiveEffect],
+) -> None:
+    """It says no more than what it comes to with another of its numbers."""
+    lag, delay = sorted(late, key=lambda one: one.effect.name == "command_delay")
+    name, unknown = f"{lag.target}.valve_spool_lag.frequency", np.array([[600.0**2]])
+    loose = replace(UNFITTED, names=(name,), covariance=unknown)
+    for weighed, first in ((loose, "command_delay"), (UNFITTED, "valve_spool_lag")):
+        both = [
+            Contender(lag, weighed, 400.0, 500.0, 3.0),
+            Contender(delay, UNFITTED, 400.0, 380.0, 3.0),
+        ]
+        assert named_of(both, 0.001, 1.0).names[0] == first
 
 
 @pytest.mark.parametrize(

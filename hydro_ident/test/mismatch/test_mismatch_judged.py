@@ -10,6 +10,7 @@ import pytest
 from hydro_ident.mismatch.answer.notes import left_notes
 from hydro_ident.mismatch.answer.outcome import ChannelResult
 from hydro_ident.mismatch.answer.spoilt import _spoils
+from hydro_ident.mismatch.fitting.weighed import Weighed
 from hydro_ident.mismatch.naming.named import Named, named_of
 from hydro_ident.mismatch.split.held_out import STANDS
 from hydro_ident.mismatch.trials.contender import Contender
@@ -18,6 +19,8 @@ from hydro_ident.mismatch.verifying.looks import SHOWN, Look
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 
+#: A fit of nothing: no number of it has a deviation.
+UNFITTED = Weighed(None, (), np.zeros((0, 0)), np.zeros(0))  # type: ignore[arg-type]
 NOT_TOLD = "held-out rows exercise it and cannot tell it from nothing"
 
 
@@ -25,7 +28,7 @@ NOT_TOLD = "held-out rows exercise it and cannot tell it from nothing"
 def named(robot: Robot) -> Named:
     listed = EffectSpec("coulomb_friction", "lift_cylinder", {"force": 100.0})
     (term,) = resolve(replace(robot, effects=(listed,)))
-    one = Contender(term, None, 400.0, 380.0, 3.0)  # type: ignore[arg-type]
+    one = Contender(term, UNFITTED, 400.0, 380.0, 3.0)
     return named_of([one], 0.0005, 1.0)
 
 

@@ -12,6 +12,7 @@ import pytest
 from hydro_ident.mismatch.answer import minor
 from hydro_ident.mismatch.answer.minor import is_minor, minor_notes, parted, parted_unknown
 from hydro_ident.mismatch.answer.outcome import ChannelResult, Finding
+from hydro_ident.mismatch.fitting.weighed import Weighed
 from hydro_ident.mismatch.locating.dependence import Dependence
 from hydro_ident.mismatch.naming.named import named_of
 from hydro_ident.mismatch.trials.contender import Contender
@@ -21,6 +22,8 @@ from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
+#: A fit of nothing: no number of it has a deviation.
+UNFITTED = Weighed(None, (), np.zeros((0, 0)), np.zeros(0))  # type: ignore[arg-type]
 LIFT = "lift_cylinder"
 #: Of the lift cylinder's piston; transducers' zeros of 4 and 20 kPa push with it.
 AREA_M2 = load_robot("xs031").cylinders[0].area_a_m2
@@ -160,7 +163,7 @@ def test_minor_ones_leave_the_findings_and_are_noted(robot: Robot) -> None:
     ]
     found = []
     for term in terms:
-        one = Contender(term, None, 400.0, 380.0, 3.0)  # type: ignore[arg-type]
+        one = Contender(term, UNFITTED, 400.0, 380.0, 3.0)
         found.append(Finding(named_of([one], 0.001, 1.0), None, ("lift/force",)))  # type: ignore[arg-type]
     findings, small = parted(robot, found, {})
     assert [f.named.names for f in findings] == [("coulomb_friction",)]
@@ -176,7 +179,7 @@ def test_what_may_be_no_more_than_every_machine_has_is_no_finding(robot: Robot) 
 
     def found(error: float) -> Finding:
         gain = _term(robot, "pressure_sensor_gain", f"{LIFT}/a", {"error": error})
-        both = [Contender(term, None, 400.0, 380.0, 3.0) for term in (spring, gain)]  # type: ignore[arg-type]
+        both = [Contender(term, UNFITTED, 400.0, 380.0, 3.0) for term in (spring, gain)]
         return Finding(named_of(both, 0.001, 1.0), None, ("lift/force",))  # type: ignore[arg-type]
 
     small, large = found(6e-4), found(4e-3)
