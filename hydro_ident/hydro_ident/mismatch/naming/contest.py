@@ -32,7 +32,7 @@ from hydro_ident.mismatch.rows.base_columns import DELAY
 from hydro_ident.mismatch.rows.prediction import Model
 from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS
 from hydro_ident.mismatch.trials.chance import overdispersed, overdispersion, told_best
-from hydro_ident.mismatch.trials.contender import Contender, at_a_bound, sized
+from hydro_ident.mismatch.trials.contender import Contender, at_a_bound, sizes_told
 from hydro_ident.mismatch.trials.scoring import Score
 from hydro_model.effects.targets import ActiveEffect
 
@@ -222,7 +222,7 @@ class Contest:
         if any(at_a_bound(t) for t in whole.model.terms):
             return None
         # Numbers that only together come to a delay are none of a hose.
-        return whole if all(sized(t, deviations) for t in terms) else None
+        return whole if all(all(sizes_told(t, deviations)) for t in terms) else None
 
     def _one_of(self, found: Named, one: Contender) -> Named:
         """A contender as a finding, beside those that were tried at its target."""

@@ -81,8 +81,8 @@ class Contender:
 
     @property
     def sized(self) -> bool:
-        """Whether the rows tell how large it is (`sized`)."""
-        return sized(self.term, self.fitted.deviations)
+        """Whether the rows tell how large it is, by any of its sizes."""
+        return any(sizes_told(self.term, self.fitted.deviations))
 
     def rivals(self, other: Contender) -> bool:
         """Whether two cannot stand side by side, by their laws or by the names that they bear."""
@@ -134,8 +134,8 @@ def as_dry(bristle: ActiveEffect) -> bool:
     return bool(bristle.parameters[at] <= _AS_DRY * least)
 
 
-def sized(term: ActiveEffect, deviations: Mapping[str, float]) -> bool:
-    """Whether the rows tell how large an effect is: its size, to half of it (one deviation).
+def sizes_told(term: ActiveEffect, deviations: Mapping[str, float]) -> tuple[bool, ...]:
+    """Whether the rows tell each size of an effect to half of it (one deviation).
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def sized(term: ActiveEffect, deviations: Mapping[str, float]) -> bool:
     """
     sizes = [(term.effect.parameters[k].name, abs(term.parameters[k])) for k in term.effect.sizes]
     own = f"{term.target}.{term.effect.name}."
-    return all(deviations.get(own + name, 0.0) <= _TOLD * size for name, size in sizes)
+    return tuple(deviations.get(own + name, 0.0) <= _TOLD * size for name, size in sizes)
 
 
 def at_a_bound(term: ActiveEffect) -> str:
