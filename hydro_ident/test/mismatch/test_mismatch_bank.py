@@ -10,8 +10,10 @@ import pytest
 
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
 from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.trials.candidates import trials
 from hydro_ident.mismatch.trials.scoring import Bank, Entry, bank_of
 from hydro_model.effects.catalogue import CATALOGUE, resolve
+from hydro_model.effects.signals import JOINT_POSITION, TIP_HEIGHT
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot
 
@@ -34,6 +36,25 @@ def bank(laid: Residuals) -> Bank:
     bank = Bank(laid.training.predictor)
     assert bank.entries(laid.base.model)
     return bank
+
+
+def test_what_is_hardly_ever_met_is_tried_where_it_would_be(laid: Residuals) -> None:
+    """A ground under the tip, and what a joint runs against from either side."""
+    predictor, model = laid.training.predictor, laid.base.model
+    tried = [t.active for t in trials(predictor, model, ["external_contact"])]
+    for signal, own in (
+        (TIP_HEIGHT, [t for t in tried if t.everywhere]),
+        (JOINT_POSITION, [t for t in tried if t.target == "lift_cylinder"]),
+    ):
+        (stretch,) = predictor.material.stretches
+        at = predictor.signals.of(model, stretch, own[0])[:, signal]
+        names = [p.name for p in own[0].effect.parameters]
+        values = [dict(zip(names, t.parameters, strict=True)) for t in own]
+        for way in {v["way"] for v in values}:
+            heights = [v["height"] for v in values if v["way"] == way]
+            met = [float(np.mean((way or 1.0) * at < height)) for height in heights]
+            assert min(met) == pytest.approx(0.02, abs=0.005)
+            assert way == 0.0 or max(met) < 0.51
 
 
 @pytest.mark.thorough

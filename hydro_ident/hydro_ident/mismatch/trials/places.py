@@ -34,6 +34,9 @@ from hydro_model.simulation.hinge_kernels import MOST_SWUNG
 FURTHER_FACTORS = (0.4, 1.0, 2.5)
 #: Places along a range at which positions and times are tried.
 QUANTILES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+#: Shares of a recording in which something is run against: what a joint meets most of the time is
+#: a spring, while a ground may be ploughed as long.
+_MET, _PLOUGHED = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5), (0.7, 0.9)
 #: Pilot ratios tried, over the usual one: from another's ratio a fit does not come to them.
 _PILOT_RATIOS = (0.25, 0.5, 1.0, 2.0)
 #: Instants tried for something that begins within a recording: one every so often, in s.
@@ -268,7 +271,11 @@ def mean_oil_c(material: Material) -> float | None:
 
 
 def quantiles(
-    predictor: Predictor, model: Model, one: ActiveEffect, signals: Sequence[int]
+    predictor: Predictor,
+    model: Model,
+    one: ActiveEffect,
+    signals: Sequence[int],
+    shares: Sequence[float] = QUANTILES,
 ) -> list[float]:
     """Places along a law's signals at which its shapes are tried.
 
@@ -279,6 +286,8 @@ def quantiles(
     one : ActiveEffect
     signals : sequence of int
         Of `hydro_model.effects.signals`, taken together.
+    shares : sequence of float
+        Of the rows, below each of them.
     """
     values = []
     for stretch in predictor.signals.readings.stretches(model):
@@ -289,7 +298,7 @@ def quantiles(
         values += [rows[:, signal] for signal in signals]
     together = np.concatenate(values)
     together = together[np.isfinite(together)]
-    return [float(v) for v in np.quantile(together, QUANTILES)] if together.size else [0.0]
+    return [float(v) for v in np.quantile(together, shares)] if together.size else [0.0]
 
 
 def grounds(predictor: Predictor, model: Model, one: ActiveEffect) -> list[tuple[float, ...]]:
@@ -308,7 +317,9 @@ def grounds(predictor: Predictor, model: Model, one: ActiveEffect) -> list[tuple
         Height (or place), way, exponent and damping.
     """
     if one.everywhere:
-        under = quantiles(predictor, model, one, (TIP_HEIGHT,))
+        under = quantiles(predictor, model, one, (TIP_HEIGHT,), _MET + _PLOUGHED)
         return [(z, 0.0, exponent, 0.0) for z in under for exponent in _EXPONENTS]
-    at = quantiles(predictor, model, one, (JOINT_POSITION,))
-    return [(way * q, way, 1.0, 0.0) for way in (1.0, -1.0) for q in at]
+    below = quantiles(predictor, model, one, (JOINT_POSITION,), _MET)
+    above = quantiles(predictor, model, one, (JOINT_POSITION,), [1.0 - s for s in _MET])
+    sides = ((1.0, below), (-1.0, above))
+    return [(way * q, way, 1.0, 0.0) for way, places in sides for q in places]
