@@ -25,6 +25,7 @@ from hydro_ident.mismatch.unnamed.wavering import (
     Wavering,
     _chance,
     _direction,
+    _is_left,
     _there,
     _wavering,
     wavering,
@@ -236,6 +237,21 @@ def test_beside_what_is_named_a_drag_is_no_small_part_of_it(
     whole = fit(work.training, work.base.model.with_term(one))
     found = wavering(work.training, whole, Confirmer(work.training, work.check, whole))
     assert ("lift/force" in found) is told
+
+
+@pytest.mark.parametrize(("unlike", "left"), [(0.03, False), (0.3, True)])
+def test_what_a_named_friction_leaves_of_the_direction_has_to_be_some_of_it(
+    unlike: float, left: bool
+) -> None:
+    """Of next to nothing a size from stretch to stretch would be any number."""
+    rng = np.random.default_rng(8)
+    zeros, time = np.zeros(ROWS, dtype=np.intp), np.arange(ROWS) * STEP_S
+    direction = np.sign(np.sin(2.0 * np.pi * 0.2 * time))
+    friction = direction + unlike * rng.normal(size=ROWS)
+    layout = Layout(zeros, zeros, time, np.arange(ROWS) > 0)
+    white = Noise((np.zeros(0),), np.ones(1))
+    bench = Bench(layout, white, rng.normal(size=ROWS), friction[:, None], BLOCK_S)
+    assert _is_left(bench, direction) is left
 
 
 # The form's own flaws -------------------------------------------------------------------------

@@ -151,6 +151,20 @@ def test_what_has_no_name_and_is_tiny_is_noted() -> None:
     assert "0.071 % of lift/force itself" in note
 
 
+def test_a_hundredth_of_what_noise_leaves_is_no_unknown() -> None:
+    at, curve = np.arange(1000.0), np.zeros(3)
+    wave, left = 100.0 * np.sin(at), np.where(at % 2.0, 1.0, -1.0)
+    some = Dependence(
+        0, "lift/force", "time", "", 9.0, 2, 9.0, 0.001, 0.01, 0.1, curve, curve, curve, 0.3
+    )
+    own = Unexplained("lift/force", ("time",), 0.01, 0.001, "1% of what is left", some, size=0.2)
+    for share, noise, expected in ((0.01, 0.9, False), (0.01, 0.5, True), (0.04, 0.9, True)):
+        channel = ChannelResult("lift/force", "N", at, wave, wave, wave - left, noise)
+        kept, notes = parted_unknown([replace(own, share=share)], [channel])
+        assert bool(kept) is expected
+        assert [n.startswith("1% of what is left: 1 % of") for n in notes] == [True] * (not kept)
+
+
 def test_an_effect_without_tolerance_is_never_minor(robot: Robot) -> None:
     tiny = _term(robot, "valve_spool_lag", "lift_valve", {"frequency": 500.0, "damping": 0.7})
     assert not is_minor(robot, tiny)

@@ -14,6 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from hydro_ident.mismatch.answer.outcome import ChannelResult, Finding
+from hydro_ident.mismatch.split.held_out import rms
 from hydro_ident.mismatch.unnamed.unknown import Unexplained
 from hydro_ident.transducers import ZERO, zero_pa
 from hydro_model.effects.targets import ActiveEffect
@@ -59,6 +60,9 @@ _FRICTION_SHARE, _FRICTION_M_S = 2.0e-4, 0.05
 #: Share of a channel's standard deviation below which what has no name is no unknown either: a
 #: good transducer's linearity.
 UNKNOWN_SHARE = 1.0e-3
+#: Nor is what makes so little of what is left (of its squares) in a channel that is no further
+#: from its sensors' noise than this.
+_HARDLY, _AT_NOISE = 0.03, 1.25
 #: Deviations by which a size has to be beyond what is tolerated, and the share of itself that they
 #: are at most.
 _SURE, _DOUBT = 2.0, 1.0 / 3.0
@@ -166,18 +170,24 @@ def parted_unknown(
     kept : tuple of Unexplained
     notes : list of str
     """
-    sizes = {c.name: float(np.std(c.measured)) for c in channels}
-    kept, notes = [], []
-    for one in unknown:
-        share = one.size / max(sizes.get(one.channel, 0.0), 1e-300)
-        if share >= UNKNOWN_SHARE:
-            kept.append(one)
-            continue
-        notes.append(
-            f"{one.text}: {1e2 * share:.2g} % of {one.channel} itself, no more than sensors are"
-            " good for: no unknown"
-        )
-    return tuple(kept), notes
+    of = {c.name: c for c in channels}
+    why = [_why_none(one, of.get(one.channel)) for one in unknown]
+    kept = tuple(one for one, reason in zip(unknown, why, strict=True) if not reason)
+    notes = [f"{u.text}: {w}: no unknown" for u, w in zip(unknown, why, strict=True) if w]
+    return kept, notes
+
+
+def _why_none(one: Unexplained, channel: ChannelResult | None) -> str:
+    """Why what has no name is no unknown; empty where it is."""
+    if channel is None:
+        return ""
+    share = one.size / max(float(np.std(channel.measured)), 1e-300)
+    if share < UNKNOWN_SHARE:
+        return f"{1e2 * share:.2g} % of {one.channel} itself, no more than sensors are good for"
+    left = rms(channel.measured - channel.after)
+    if one.share < _HARDLY and left <= _AT_NOISE * channel.noise_floor:
+        return f"{1e2 * one.share:.2g} % of what is left at the noise of {one.channel}'s sensors"
+    return ""
 
 
 def minor_notes(

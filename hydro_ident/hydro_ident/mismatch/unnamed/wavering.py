@@ -35,6 +35,9 @@ _TOGETHER = (1, 3)
 #: Share of what named effects do that their laws' form may leave: as much as true ones of forces
 #: change from stretch to stretch (`constancy`).
 _OF_NAMED = 0.25
+#: Share of the direction of motion (of its squares) that the model leaves at least: beside a named
+#: dry friction next to nothing is, and a size by that is none.
+_LEFT = 0.01
 #: Chance that neither the mean nor its changes may exceed, and the least that is told from none.
 _EACH, _NEVER = 0.05, 1.0e-300
 #: Deviations of what is left from which rows that took no part would show a force.
@@ -95,7 +98,7 @@ def _wavering(
     training: Training, fitted: Fitted, flaws: Flaws, channel: int, tried: int
 ) -> Wavering | None:
     bench, direction = _direction(training, fitted, channel)
-    if bench is None:
+    if bench is None or not _is_left(bench, direction):
         return None
     every = [sizes_of(bench, direction, together) for together in _TOGETHER]
     best: Sizes = min(every, key=lambda one: one.chance)
@@ -144,6 +147,12 @@ def _direction(
     factors = factors_of(own.predictor, fitted.model, channel, values, own.mask)
     direction = factors["direction"][own.mask]
     return (bench if np.isfinite(direction).all() else None), direction
+
+
+def _is_left(bench: Bench, direction: FloatArray) -> bool:
+    """Whether enough of the direction of motion is none of the model's columns."""
+    part = bench.partial(direction[:, None])
+    return bool(part.gram[0, 0] >= _LEFT * part.plain[0])
 
 
 def _chance(bench: Bench, direction: FloatArray) -> float:
