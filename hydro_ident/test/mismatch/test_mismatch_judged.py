@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from hydro_ident.mismatch.answer.diagnosis import _verdict
 from hydro_ident.mismatch.answer.notes import left_notes
 from hydro_ident.mismatch.answer.outcome import ChannelResult
 from hydro_ident.mismatch.answer.spoilt import _spoils
@@ -138,3 +141,19 @@ def test_channels_whose_sensors_make_no_noise_divide_nothing() -> None:
     floors = {"a/force": 0.0, "b/force": 2.0}
     assert not _spoils({"a/force": (1.0, 9.0), "b/force": (2.0, 1.0)}, floors, ["a/force"])
     assert _spoils({"a/force": (9.0, 1.0), "b/force": (1.0, 2.0)}, floors, ["a/force", "b/force"])
+
+
+@pytest.mark.parametrize(
+    ("noise", "idle", "verdict"),
+    [(0.9, False, "matches"), (0.5, False, "no_improvement"), (0.5, True, "matches")],
+)
+def test_where_nothing_but_noise_is_left_there_is_nothing_to_improve(
+    noise: float, idle: bool, verdict: str
+) -> None:
+    at = np.arange(1000.0)
+    wave, left = 100.0 * np.sin(at), np.where(at % 2.0, 1.0, -1.0)
+    channel = ChannelResult("tilt/flow_b", "m^3/s", at, wave, wave, wave - left, noise)
+    refused: Any = SimpleNamespace(
+        channels=("tilt/flow_b",), verification=SimpleNamespace(idle=idle)
+    )
+    assert _verdict((), [refused], [channel], (), False) == verdict

@@ -175,7 +175,7 @@ def _diagnosed(
     notes += off
     doubtful = bool(off) or _doubtful(work, findings, in_motion, ratios)
     return Diagnosis(
-        _verdict(findings, [*rejected, *taken], unknown, doubtful),
+        _verdict(findings, [*rejected, *taken], channels, unknown, doubtful),
         work.robot,
         modelled.robot,
         tuple(findings),
@@ -264,6 +264,7 @@ def _hardly_better(findings: Sequence[Finding], channels: Sequence[ChannelResult
 def _verdict(
     findings: Sequence[Finding],
     rejected: Sequence[Finding],
+    channels: Sequence[ChannelResult],
     unknown: Sequence[Unexplained],
     doubtful: bool,
 ) -> str:
@@ -272,6 +273,8 @@ def _verdict(
         return PARTLY if doubts else EXPLAINED
     if unknown:
         return UNKNOWN
-    # What does not stand out where it was found, either, never was a finding.
-    stood_out = any(not f.verification.idle for f in rejected)
+    # What does not stand out where it was found, either, never was a finding; nor is there anything
+    # to improve where nothing but noise is left.
+    lacking = {c.name for c in channels if not c.at_noise}
+    stood_out = any(not f.verification.idle and lacking & set(f.channels) for f in rejected)
     return NO_IMPROVEMENT if stood_out else MATCHES

@@ -14,7 +14,6 @@ from types import MappingProxyType
 import numpy as np
 
 from hydro_ident.mismatch.answer.outcome import ChannelResult, Finding
-from hydro_ident.mismatch.split.held_out import rms
 from hydro_ident.mismatch.unnamed.unknown import Unexplained
 from hydro_ident.transducers import ZERO, zero_pa
 from hydro_model.effects.targets import ActiveEffect
@@ -60,9 +59,8 @@ _FRICTION_SHARE, _FRICTION_M_S = 2.0e-4, 0.05
 #: Share of a channel's standard deviation below which what has no name is no unknown either: a
 #: good transducer's linearity.
 UNKNOWN_SHARE = 1.0e-3
-#: Nor is what makes so little of what is left (of its squares) in a channel that is no further
-#: from its sensors' noise than this.
-_HARDLY, _AT_NOISE = 0.03, 1.25
+#: Nor is what makes so little of what is left (of its squares) in a channel at its sensors' noise.
+_HARDLY = 0.03
 #: Deviations by which a size has to be beyond what is tolerated, and the share of itself that they
 #: are at most.
 _SURE, _DOUBT = 2.0, 1.0 / 3.0
@@ -184,8 +182,7 @@ def _why_none(one: Unexplained, channel: ChannelResult | None) -> str:
     share = one.size / max(float(np.std(channel.measured)), 1e-300)
     if share < UNKNOWN_SHARE:
         return f"{1e2 * share:.2g} % of {one.channel} itself, no more than sensors are good for"
-    left = rms(channel.measured - channel.after)
-    if one.share < _HARDLY and left <= _AT_NOISE * channel.noise_floor:
+    if one.share < _HARDLY and channel.at_noise:
         return f"{1e2 * one.share:.2g} % of what is left at the noise of {one.channel}'s sensors"
     return ""
 

@@ -11,6 +11,7 @@ from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.locating.dependence import Dependence
 from hydro_ident.mismatch.modelling.refinement import Refinement
 from hydro_ident.mismatch.naming.named import Named
+from hydro_ident.mismatch.split.held_out import rms
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.mismatch.unnamed.unknown import Unexplained
 from hydro_ident.mismatch.verifying.verify import Verification
@@ -19,6 +20,8 @@ from hydro_model.robot import FloatArray, Robot
 
 MATCHES, EXPLAINED, PARTLY = "matches", "explained", "partly_explained"
 UNKNOWN, NO_IMPROVEMENT, NOT_ENOUGH = "unknown", "no_improvement", "not_enough_data"
+#: How far from its sensors' noise a channel is at most of which next to nothing else is left.
+_AT_NOISE = 1.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,6 +60,11 @@ class ChannelResult:
     before: FloatArray
     after: FloatArray
     noise_floor: float
+
+    @property
+    def at_noise(self) -> bool:
+        """Whether next to nothing but the sensors' noise is left."""
+        return rms(self.measured - self.after) <= _AT_NOISE * self.noise_floor
 
 
 @dataclass(frozen=True, slots=True, eq=False)
