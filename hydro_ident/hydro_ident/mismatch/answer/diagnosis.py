@@ -273,8 +273,8 @@ def _verdict(
         return PARTLY if doubts else EXPLAINED
     if unknown:
         return UNKNOWN
-    # What does not stand out where it was found, either, never was a finding; nor is there anything
-    # to improve where nothing but noise is left.
+    # What does not stand out where it was found, either, never was a finding; nor is there
+    # anything to improve where nothing but noise is left.
     lacking = {c.name for c in channels if not c.at_noise}
     stood_out = any(not f.verification.idle and lacking & set(f.channels) for f in rejected)
     return NO_IMPROVEMENT if stood_out else MATCHES

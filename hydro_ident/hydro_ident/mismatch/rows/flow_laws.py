@@ -91,12 +91,15 @@ class HeldRows:
         return self.mean(self.parts)
 
     @contextmanager
-    def as_left(self, column: int) -> Iterator[None]:
-        """Lets a column be written to, and puts back what it had: whole copies take long."""
-        changed = [*self.parts, self.middle]
+    def as_left(self, column: int, *, mean: bool) -> Iterator[tuple[FloatArray, ...]]:
+        """The parts, and their `mean` where it is asked for, to write a column of.
+
+        What that had is put back: whole copies take long.
+        """
+        changed = (*self.parts, self.middle) if mean else self.parts
         before = [rows[:, column].copy() for rows in changed]
         try:
-            yield
+            yield changed
         finally:
             for rows, values in zip(changed, before, strict=True):
                 rows[:, column] = values
@@ -133,10 +136,11 @@ def held_flows(
     if len(laws) == 1:
         return [_volume(laws[0], side, held, step_s)[0]]
     passed, result = _PASSED[side], []
-    with held.as_left(passed):
+    # Only what is followed from interval to interval looks at the mean.
+    with held.as_left(passed, mean=any(one.effect.states for one in laws)) as left:
         for one in laws:
             volume, adds = _volume(one, side, held, step_s)
-            for rows, add in zip((*held.parts, held.middle), adds, strict=True):
+            for rows, add in zip(left, adds[: len(left)], strict=True):
                 rows[:, passed] += add
             result.append(volume)
     return result

@@ -230,15 +230,12 @@ class Signals:
         return rows.copy() if any(kept is rows for kept in self._rows.values()) else rows
 
     def _keep(self, model: Model) -> None:
-        """Forget what was kept for another model."""
+        """Forget what was kept for a model whose signals are others.
+
+        Laws that only add to a balance leave them as they are.
+        """
         kept = self._kept
-        if (
-            kept is None
-            or kept.robot is not model.robot
-            or not identical(kept, model)
-            # Rails follow valves as late as these are.
-            or kept.shape != model.shape
-        ):
+        if kept is None or kept.robot is not model.robot or kept.shape != model.shape:
             self._kept = model
             self._rows.clear()
 
