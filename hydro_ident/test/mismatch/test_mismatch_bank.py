@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
 from hydro_ident.mismatch.split.residuals import Residuals
-from hydro_ident.mismatch.trials.candidates import trials
+from hydro_ident.mismatch.trials.candidates import _at_targets, trials
 from hydro_ident.mismatch.trials.scoring import Bank, Entry, bank_of
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.effects.signals import JOINT_POSITION, TIP_HEIGHT
@@ -36,6 +38,18 @@ def bank(laid: Residuals) -> Bank:
     bank = Bank(laid.training.predictor)
     assert bank.entries(laid.base.model)
     return bank
+
+
+@pytest.mark.parametrize(("valves", "targets"), [(1, {"lift_cylinder"}), (2, None)])
+def test_the_delay_of_a_single_valve_is_tried_once(valves: int, targets: set[str] | None) -> None:
+    """As that of its valve, which a lag of the spool is weighed against at the same cost."""
+    crane = load_robot("xs031")
+    robot = replace(crane, cylinders=crane.cylinders[:valves], valves=crane.valves[:valves])
+    of: Any = SimpleNamespace(robot=robot)
+    tried = [one for form in CATALOGUE["command_delay"].forms for one in _at_targets(of, form)]
+    own = targets or {"lift_cylinder", "tilt_cylinder", robot.name}
+    assert {one.target for one in tried} == own
+    assert len(tried) == len(own)
 
 
 def test_what_is_hardly_ever_met_is_tried_where_it_would_be(laid: Residuals) -> None:
