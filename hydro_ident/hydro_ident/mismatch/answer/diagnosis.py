@@ -61,8 +61,8 @@ from hydro_ident.rollouts.free_run import FreeRun, free_run
 from hydro_model.command_line.terminal import advance
 from hydro_model.robot import Robot
 
-#: Share of the error (rms) left by findings that explain less than is left.
-_HARDLY = 0.7
+#: Share of the error (rms) that findings leave at most where it is far above the sensors' noise.
+_HARDLY = 0.25
 
 
 def diagnose(
@@ -252,7 +252,7 @@ def _doubtful(
 
 
 def _hardly_better(findings: Sequence[Finding], channels: Sequence[ChannelResult]) -> bool:
-    """Whether more is left than was explained where something was found, far above the sensors."""
+    """Whether much of the error is left where something was found, far above the sensors."""
     named = {name for finding in findings for name in finding.channels}
     return any(
         rms(c.measured - c.after) > max(_HARDLY * rms(c.measured - c.before), FAR * c.noise_floor)
