@@ -33,7 +33,7 @@ def searched(work: Residuals, base: Fitted) -> tuple[Search, Fitted, list[Findin
     rejected: dict[tuple[str, str], Finding] = {}
     excluded = set[tuple[str, str]]()
     for _ in range(_ROUNDS):
-        searcher = Searcher(work.scan, base, excluded, work.bank)
+        searcher = Searcher(work.scan, base, excluded, work.bank, work.noise_floors())
         search = searcher.run()
         whole, findings, failed = _confirmed(work, search)
         if failed:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.fitting.whitening import Noise
 from hydro_ident.mismatch.naming.contenders import firsts
 from hydro_ident.mismatch.naming.contest import PASSES, Contest
+from hydro_ident.mismatch.naming.despair import Despair
 from hydro_ident.mismatch.naming.few_motions import FewMotions
 from hydro_ident.mismatch.naming.named import Named
 from hydro_ident.mismatch.naming.one_delay import as_one_delay
@@ -110,7 +112,9 @@ class Searcher:
         Effects and targets that are not tried.
     bank : Bank, optional
         Of an earlier search on the same rows.
-
+    floors : mapping of str to float, optional
+        What the sensors' noise leaves of channels: in those that laws hardly bring nearer to it no
+        more are looked for.
     """
 
     def __init__(
@@ -119,6 +123,7 @@ class Searcher:
         base: Fitted,
         excluded: Collection[tuple[str, str]] = (),
         bank: Bank | None = None,
+        floors: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
         self.training, self.base, self.excluded = training, base, set(excluded)
         self.bank = bank or Bank(training.predictor)
@@ -126,6 +131,7 @@ class Searcher:
         self.contest = Contest(training, few)
         # Tried in earlier steps, and not worth what they cost.
         self._refuted = set[tuple[str, str]]()
+        self._despair = Despair(training, base, floors)
 
     def run(self) -> Search:
         """Forward, then every finding again with the others in place."""
@@ -150,8 +156,10 @@ class Searcher:
                 impossible.append((found.term.effect.name, found.term.target, why))
                 continue
             each = self.contest.at_each(current, step.noise, found, step.scores)
-            named += each.named
-            current = fit(self.training, each.model, passes=2)
+            fresh = fit(self.training, each.model, passes=2)
+            if self._despair.of(current, fresh, [one.term for one in each.named]):
+                continue
+            named, current = [*named, *each.named], fresh
         named, current = Revision(self.contest).revised(named, current)
         named, current = as_one_delay(self.contest, named, current, self.excluded)
         return Search(self.base, current, tuple(named), step.scores, tuple(impossible), step.small)
@@ -173,6 +181,8 @@ class Searcher:
             if p > FAMILY_ERROR or any(same(active, one) for one in weighed):
                 continue
             if (active.effect.name, active.target) in self._refuted:
+                continue
+            if self._despair.covers(candidate.entry.rows):
                 continue
             if effective_blocks(scan.bench, candidate, self.training.mask) < LEAST_EFFECTIVE:
                 continue
