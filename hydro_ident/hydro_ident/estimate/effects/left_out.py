@@ -20,6 +20,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hydro_ident.estimate.flows.cylinder_fit import CylinderFit
+from hydro_ident.estimate.flows.shared_parameters import scale_free_inverse
 from hydro_ident.estimate.forces.inertial import InertialFit
 from hydro_ident.estimate.scoring.scores import ChannelScore
 from hydro_ident.estimate.statistics.least_squares import Fit
@@ -92,21 +93,24 @@ def cylinder_errors(fit: CylinderFit, left_out: Mapping[str, float]) -> FloatArr
     Returns
     -------
     (p, p) array
-        In the order of its names: errors of the chambers, weighted as the chambers were.
+        In the order of its names: errors of the chambers, weighted as the chambers were. Zero for
+        what is held, and for what the chambers say nothing about, as of an edge never opened.
     """
     count = len(fit.names)
-    scale = np.array([max(abs(v), 1e-300) for v in fit.theta])
     information, middle = np.zeros((count, count)), np.zeros((count, count))
     for chamber in fit.chambers:
-        at = np.array([fit.names.index(name) for name in chamber.names])
-        size = np.outer(scale[at], scale[at])
-        own = np.linalg.pinv(chamber.fit.covariance / size, rcond=1e-15, hermitian=True)
+        square = np.ix_(*[[fit.names.index(name) for name in chamber.names]] * 2)
+        own = scale_free_inverse(chamber.fit.covariance)
         share = SHARE * _size(chamber.fit, (chamber.chamber.channel,), left_out)
-        error = share**2 * _inverse(chamber.fit.gram) / size
-        information[np.ix_(at, at)] += own
-        middle[np.ix_(at, at)] += own @ error @ own
-    spread = np.linalg.pinv(information, rcond=1e-15, hermitian=True)
-    return np.asarray(spread @ middle @ spread * np.outer(scale, scale))
+        information[square] += own
+        middle[square] += own @ (share**2 * _inverse(chamber.fit.gram)) @ own
+    # Values are held beside the others' information, as `conditioned` does it.
+    held = [part.index for part in fit.held]
+    free = np.ix_(*[np.setdiff1d(np.arange(count), held)] * 2)
+    spread = scale_free_inverse(information[free])
+    result = np.zeros((count, count))
+    result[free] = spread @ middle[free] @ spread
+    return result
 
 
 def _size(fit: Fit, channels: Sequence[str], left_out: Mapping[str, float]) -> float:

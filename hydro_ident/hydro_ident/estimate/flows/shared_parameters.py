@@ -42,7 +42,7 @@ def chambers_to_cylinder(fitted: Sequence[FittedChamber], order: Sequence[str]) 
         for begin, one in zip(begins, fitted, strict=False)
     ]
     informations = [_information(one, shared) for one in fitted]
-    total = _inverse(np.sum(informations, axis=0))
+    total = scale_free_inverse(np.sum(informations, axis=0))
     for at, information in zip(own, informations, strict=True):
         path[np.ix_(among, at)] = total @ information
     for begin, one, at in zip(begins, fitted, own, strict=False):
@@ -58,11 +58,22 @@ def chambers_to_cylinder(fitted: Sequence[FittedChamber], order: Sequence[str]) 
 def _information(one: FittedChamber, names: Sequence[str]) -> FloatArray:
     """Information of a chamber on some of its parameters, whatever the others are."""
     at = [one.names.index(name) for name in names]
-    return _inverse(one.fit.covariance[np.ix_(at, at)])
+    return scale_free_inverse(one.fit.covariance[np.ix_(at, at)])
 
 
-def _inverse(matrix: FloatArray) -> FloatArray:
-    """Inverse of a covariance, or of an information, whatever the parameters' units are."""
+def scale_free_inverse(matrix: FloatArray) -> FloatArray:
+    """Inverse of a covariance, or of an information, whatever the parameters' units are.
+
+    Parameters
+    ----------
+    matrix : (p, p) array
+        Symmetric; what has a row of zeros has one in the inverse, too.
+
+    Returns
+    -------
+    (p, p) array
+        Pseudo-inverse: zero along directions of which the matrix says nothing.
+    """
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     square = np.outer(size, size)
     return np.asarray(np.linalg.pinv(matrix / square, rcond=1e-15, hermitian=True) / square)
