@@ -216,9 +216,11 @@ def _delay_step(chamber: _Chamber, delay_s: float, solve: Solve) -> _Step:
     scale = np.append(np.ones(plain.theta.size), unit)
     slope = chamber.with_slope(delay_s, plain.theta)
     known = slope.held(np.arange(plain.theta.size), np.zeros(plain.theta.size + 1))
+    own_slope = None if slope.own_x is None else slope.own_x[..., -1]
+    carried = replace(known, y=slope.x[..., -1], own_y=own_slope)
     return _Step(
         plain,
-        plain_parameters(replace(known, y=slope.x[..., -1]), plain.weight) / unit,
+        plain_parameters(carried, plain.weight) / unit,
         variance if variance > 0.0 else math.inf,
         float(both.dof[-1]),
         both.covariance * np.outer(scale, scale),
