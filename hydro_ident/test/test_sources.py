@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from hydro_ident.bag.streaming import COLUMNS, OVERLAP_S, PIECE_S, Piece
 from hydro_ident.errors import IdentError
+from hydro_ident.identify.origin import bag_sha256, provenance
 from hydro_ident.identify.survey import survey_source
 from hydro_ident.recordings.sources import Source, bag_sources, short_kept
 from hydro_model.robot import Robot
@@ -97,3 +99,30 @@ def test_a_short_recording_is_read_once_and_a_long_one_in_every_pass(
 
 def _columns(piece: Piece) -> list[NDArray[Any]]:
     return [v for n in COLUMNS if (v := getattr(piece.recording, n)) is not None]
+
+
+@pytest.fixture
+def split(runs: list[Path], write_bag: Callable[..., Path], tmp_path: Path) -> Path:
+    """A bag of two files, of two of the runs."""
+    folder = tmp_path / "split"
+    folder.mkdir()
+    for k, run in enumerate(runs[:2]):
+        [file] = run.glob("*.mcap")
+        shutil.copy(file, folder / f"split_{k}.mcap")
+    return folder
+
+
+@pytest.mark.parametrize("how", ["file", "copy", "part"])
+def test_a_bag_that_is_learnt_from_cannot_verify_by_another_path(
+    runs: list[Path], split: Path, tmp_path: Path, how: str
+) -> None:
+    """Its bare file, a copy of it, or a bag of which it is a part."""
+    [file] = runs[0].glob("*.mcap")
+    copy = shutil.copytree(runs[0], tmp_path / "copy")
+    other = {"file": file, "copy": copy, "part": split}[how]
+    for learnt, scored in ((runs[0], other), (other, runs[0])):
+        with pytest.raises(IdentError, match="of which nothing is learnt, found files of 'b'"):
+            provenance("identify", "xs031", {"a": learnt}, {"b": scored})
+    kept = provenance("identify", "xs031", {"a": runs[0]}, {"b": runs[2]})
+    assert kept.bags["a"] == bag_sha256(copy)
+    assert kept.validation["b"] != kept.bags["a"]

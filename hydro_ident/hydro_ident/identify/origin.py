@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
@@ -43,13 +44,15 @@ def provenance(
     Raises
     ------
     IdentError
-        A file cannot be read.
+        A file cannot be read, or a validation bag was learnt from under another path.
     """
     try:
         version = metadata.version("hydro_ident")
     except metadata.PackageNotFoundError:
         version = "unknown"
-    hashes = [{n: bag_sha256(path) for n, path in given.items()} for given in (bags, validation)]
+    learnt, scored = ({n: _hashed(p) for n, p in given.items()} for given in (bags, validation))
+    _refuse_learnt(learnt, scored)
+    hashes = [{n: one.whole for n, one in given.items()} for given in (learnt, scored)]
     files = [{path.name: _sha256([path], path) for path in files_of(r)} for r in (robot, compared)]
     return Provenance(command, version, name, *hashes, *files)
 
@@ -63,7 +66,33 @@ def files_of(robot: Robot | None) -> list[Path]:
 
 def bag_sha256(path: Path) -> str:
     """SHA-256 over the MCAP files of a bag in name order, or over a bare file."""
-    return _sha256(sorted(path.glob("*.mcap")) if path.is_dir() else [path], path)
+    return _hashed(path).whole
+
+
+@dataclass(frozen=True, slots=True)
+class _Hashed:
+    """SHA-256 of a bag, and of each of its files."""
+
+    whole: str
+    files: frozenset[str]
+
+
+def _hashed(path: Path) -> _Hashed:
+    files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
+    whole = _sha256(files, path)
+    parts = [whole] if len(files) == 1 else [_sha256([file], path) for file in files]
+    return _Hashed(whole, frozenset(parts))
+
+
+def _refuse_learnt(learnt: Mapping[str, _Hashed], scored: Mapping[str, _Hashed]) -> None:
+    """A copy of a bag, or a file out of it, cannot verify what was learnt from it."""
+    for name, one in scored.items():
+        for other, training in learnt.items():
+            if one.files & training.files:
+                raise IdentError(
+                    "expected validation bags of which nothing is learnt, found files of"
+                    f" '{name}' in '{other}', too (the same SHA-256)"
+                )
 
 
 def _sha256(files: Sequence[Path], named: Path) -> str:
