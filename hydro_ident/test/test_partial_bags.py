@@ -148,6 +148,19 @@ def test_a_recording_is_cut_where_a_sensor_fails_for_long_alone(crane_run) -> No
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize("wrong", [np.inf, -np.inf])
+def test_a_voltage_that_is_no_number_is_as_good_as_missing(crane_run, wrong) -> None:
+    """An amplifier that says infinity is not known to be fully open."""
+    recording, seen = crane_run.recording(), []
+    for value in (wrong, np.nan):
+        volts = recording.valve_v.copy()
+        volts[1000, 0] = value
+        [trace] = traces_of([replace(recording, valve_v=volts)])
+        assert np.isfinite(trace.valve_signal[999:1002]).all(axis=1).tolist() == [1, 0, 1]
+        seen.append(trace.valve_signal)
+    np.testing.assert_array_equal(*seen)
+
+
 def test_robust_weights_do_without_lost_pressures(short_run, identify_bag) -> None:
     """A channel without a row has no residuals to be weighted by; the others are as good."""
     gone = ("tilt_cylinder/a", "tilt_cylinder/b")

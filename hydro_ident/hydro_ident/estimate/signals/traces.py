@@ -250,8 +250,10 @@ def _signals(recording: Recording, piece: slice, count: int) -> FloatArray:
         return result
     at = {cylinder.name: i for i, cylinder in enumerate(robot.cylinders)}
     for k, valve in enumerate(robot.valves):
-        signal = np.clip(recording.valve_v[piece, k] / valve.rated_voltage_v, -1.0, 1.0)
-        result[:, at[valve.cylinder]] = np.where(recording.latched[piece], np.nan, signal)
+        signal = recording.valve_v[piece, k] / valve.rated_voltage_v
+        # Clipped, a voltage that is no number would be a valve that is fully open.
+        told = np.isfinite(signal) & ~recording.latched[piece]
+        result[:, at[valve.cylinder]] = np.where(told, np.clip(signal, -1.0, 1.0), np.nan)
     if recording.updated_between:
         result[:-1] = 0.5 * (result[:-1] + result[1:])
     return result
