@@ -110,6 +110,10 @@ def test_one_chamber_missing_loses_that_force_and_that_flow(short_run, identify_
     assert known["tilt_cylinder.bulk_modulus"] == pytest.approx(7.4e8, rel=0.02)
     assert "lift_link.iyy" not in known
     assert "lift_cylinder.viscous_friction" not in known
+    stds = {p["name"]: p["std"] for p in result["parameters"] if p["ci95"] is None}
+    # Columns of the tilt's force alone that are zero, or are not told apart.
+    assert stds.keys() >= {"lift_link.mcx", "lift_link.iyy", "lift_cylinder.viscous_friction"}
+    assert set(stds.values()) == {None}
     text = " ".join(result["problems"])
     assert "lift/force was not measured" in text
     assert "lift_link.iyy" in text

@@ -290,7 +290,7 @@ def _parameter_lines(found: Identification) -> list[str]:
         told = f" = {told}" if told else ""
         rest = "  HELD" if p.held else "  NOT USED" if p.reason else "  NOT DETERMINED"
         mark = "" if p.identifiable else rest
-        error = "" if p.held else f" +- {student_95(p.dof) * p.std:9.3g}"
+        error = "" if p.untold else f" +- {student_95(p.dof) * p.std:9.3g}"
         lines.append(f"  {name:{width}}  {p.value:12.5g}{error} {p.unit}{told}{given}{mark}")
     return lines
 

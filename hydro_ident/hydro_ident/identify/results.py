@@ -98,8 +98,8 @@ def result_dict(found: Identification, origin: Provenance) -> dict[str, Any]:
     dict
         The contract's keys; `training` (scores on the rows fitted), `recordings`, `problems`,
         `notes`, `estimator`, `method` and `provenance` are added,
-        and to a parameter `held` (then without `std` and `ci95`), `model_error` (physics is left
-        out of its channels), `dof` and `reason`.
+        and to a parameter `held`, `model_error` (physics is left out of its channels), `dof` and
+        `reason`. What was held, or has no data that bear on it, is without `std` and `ci95`.
     """
     settings = found.settings
     data = {
@@ -158,7 +158,7 @@ def _parameter_dict(p: Parameter) -> dict[str, Any]:
     row: dict[str, Any] = {
         "name": p.name,
         "value": p.value,
-        "std": None if p.held else finite(p.std),
+        "std": None if p.untold else finite(p.std),
         "ci95": None if p.ci95 is None else [finite(bound) for bound in p.ci95],
         "unit": p.unit,
         "datasheet": p.datasheet,

@@ -28,6 +28,7 @@ class Parameter:
     ----------
     name : str
     value, std : float
+        The deviation is infinite where the data say nothing of the value: `untold`.
     unit : str
     datasheet : float or None
         The given robot's value, where it has one.
@@ -64,9 +65,14 @@ class Parameter:
     reciprocal: bool = False
 
     @property
+    def untold(self) -> bool:
+        """Whether there is no deviation to state: the value was held, or no data bear on it."""
+        return self.held or not math.isfinite(self.std)
+
+    @property
     def ci95(self) -> tuple[float, float] | None:
-        """95 % confidence interval, by Student's quantile; None where the value was held."""
-        if self.held:
+        """95 % confidence interval, by Student's quantile; None where the value is `untold`."""
+        if self.untold:
             return None
         half = student_95(self.dof) * self.std
         low, high = self.value - half, self.value + half
@@ -136,7 +142,7 @@ def _delay(robot: Robot, hydraulic: HydraulicFit) -> Parameter:
     return Parameter(
         COMMAND_DELAY,
         value,
-        hydraulic.delay_std_s if known else 0.0,
+        hydraulic.delay_std_s,
         "s",
         robot.command_delay_s,
         known and used,
@@ -162,10 +168,11 @@ def _inertial_parameters(robot: Robot, inertial: InertialFit) -> list[Parameter]
         inertial.model.names,
         inertial.fit.theta,
         inertial.fit.std,
+        inertial.fit.collinearity,
         inertial.identifiable,
         strict=True,
     )
-    for i, (name, value, std, known) in enumerate(rows):
+    for i, (name, value, std, collinear, known) in enumerate(rows):
         unit, datasheet, combination = "", None, {}
         if i < len(base.names):
             unit, datasheet = units[name.rsplit(".", 1)[-1]], float(given[i])
@@ -176,12 +183,28 @@ def _inertial_parameters(robot: Robot, inertial: InertialFit) -> list[Parameter]
             unit, datasheet = effect_unit(robot, name), listed_value(robot, name)
         # A rejected stage is shown, and nothing of it is used.
         used = known and not rejected
-        row = Parameter(name, float(value), float(std), unit, datasheet, used, combination)
+        std = _stated(float(std), known, math.isfinite(collinear))
+        row = Parameter(name, float(value), std, unit, datasheet, used, combination)
         # What a rejected stage holds at a bound is not used either; barrels and rods stay given.
         held = i in reasons and not (rejected and i >= len(base.names))
         reason = reasons[i] if held else rejected
         found.append(replace(row, reason=reason, dof=dof[i], held=held))
     return found
+
+
+def _stated(std: float, known: bool, apart: bool = True) -> float:
+    """A deviation, infinite where a fit has no errors of a column that says nothing.
+
+    Of columns that are zero, or not `apart` from the others, least squares takes the shortest of
+    all solutions: its errors are not those of the parameter.
+    """
+    return std if known or (apart and std > 0.0) else math.inf
+
+
+def _apart(fit: CylinderFit, name: str) -> bool:
+    """Whether a chamber tells a parameter's column from the others at all."""
+    own = [c.fit.collinearity[c.names.index(name)] for c in fit.chambers if name in c.names]
+    return min(own, default=0.0) < math.inf
 
 
 def cylinder_parameters(
@@ -205,9 +228,10 @@ def cylinder_parameters(
     inverse, inverse_std = fit.value(INVERSE_BULK)
     found = [_bulk_modulus(robot, fit, good[INVERSE_BULK], dof[INVERSE_BULK])]
     for name in fit.names:
-        value, std = fit.value(name)
         if name == INVERSE_BULK:
             continue
+        value, std = fit.value(name)
+        std = _stated(std, fit.identifiable[fit.names.index(name)], _apart(fit, name))
         if name.startswith("c_"):
             datasheet = float(getattr(valve, name))
             full, unit = f"{fit.valve}.{name}", _EDGE_UNIT
@@ -216,10 +240,7 @@ def cylinder_parameters(
             datasheet = listed_value(robot, full)
             value = biases.get(full, value)
             if name.endswith(OVER_BULK):
-                value, std = (
-                    value / inverse,
-                    math.hypot(std, value * inverse_std / inverse) / inverse,
-                )
+                value, std = _over(value, std, inverse, inverse_std)
         found.append(Parameter(full, value, abs(std), unit, datasheet, good[name], dof=dof[name]))
         if name in held:
             found[-1] = replace(
@@ -227,6 +248,13 @@ def cylinder_parameters(
             )
     rejected = f"hydraulics rejected: {fit.rejected}" if fit.rejected else ""
     return [p if p.held else replace(p, reason=rejected or p.reason) for p in found]
+
+
+def _over(value: float, std: float, inverse: float, inverse_std: float) -> tuple[float, float]:
+    """What was fitted over the bulk modulus, and its deviation; nothing where that is not told."""
+    if inverse == 0.0:
+        return 0.0, math.inf
+    return value / inverse, math.hypot(std, value * inverse_std / inverse) / inverse
 
 
 def _bulk_modulus(robot: Robot, fit: CylinderFit, good: bool, dof: float) -> Parameter:
@@ -238,7 +266,7 @@ def _bulk_modulus(robot: Robot, fit: CylinderFit, good: bool, dof: float) -> Par
     return Parameter(
         f"{fit.cylinder}.bulk_modulus",
         1.0 / inverse if inverse != 0.0 else 0.0,
-        std / inverse**2 if inverse != 0.0 else 0.0,
+        _stated(std / inverse**2, good) if inverse != 0.0 else math.inf,
         "Pa",
         robot.cylinder(fit.cylinder).bulk_modulus_pa,
         good,

@@ -189,6 +189,11 @@ def test_a_signal_of_one_sign_leaves_two_edges_unknown(robot: Robot, bench: Any)
     assert "c_at" in fit.cylinders[0].rejected
     assert "c_pb" in fit.cylinders[0].rejected
     assert "cannot be told" in fit.cylinders[0].rejected
+    rows = {p.name: p for p in cylinder_parameters(robot, fit.cylinders[0], {})}
+    for name in ("lift_valve.c_at", "lift_valve.c_pb"):
+        # Not 0 +- 0, as though they were known never to open.
+        assert (rows[name].std, rows[name].ci95) == (np.inf, None)
+    assert rows["lift_valve.c_pa"].ci95 is not None
 
 
 def test_a_valve_wired_the_wrong_way_round_is_rejected_not_replaced(

@@ -288,11 +288,17 @@ def test_too_little_motion_exits_1_with_a_result_and_no_model(
     path, out = write_bag(columns, name="rest"), tmp_path / "results"
     monkeypatch.setattr("sys.argv", ["identify", str(path), "--robot", "xs031", "--out", str(out)])
     assert main() == 1
-    error = capsys.readouterr().err
+    said, error = capsys.readouterr()
     assert "lift_link.iyy" in error
     assert "lift, tilt did not move" in error
     assert sorted(p.name for p in out.iterdir()) == ["report.html", "result.json"]
-    assert json.loads((out / "result.json").read_text())["verdict"] == "not_enough_data"
+    result = json.loads((out / "result.json").read_text())
+    assert result["verdict"] == "not_enough_data"
+    rows = {p["name"]: p for p in result["parameters"]}
+    for name in ("command_delay", "lift_cylinder.bulk_modulus", "tilt_cylinder.viscous_friction"):
+        assert (rows[name]["std"], rows[name]["ci95"]) == (None, None)
+        [line] = [line for line in said.splitlines() if line.strip().startswith(name)]
+        assert "+-" not in line
 
 
 @pytest.mark.needs("clarabel", "plotly")
