@@ -271,6 +271,7 @@ def test_unreadable_input_is_one_line_and_writes_nothing(
 
 
 @pytest.mark.needs("clarabel", "plotly")
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_too_little_motion_exits_1_with_a_result_and_no_model(
     clean: Any,
     write_bag: Callable[..., Path],

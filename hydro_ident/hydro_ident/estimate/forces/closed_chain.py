@@ -177,7 +177,8 @@ def _undetected(base: BaseMap, trial: Fit, sizes: FloatArray) -> dict[int, str]:
         parts = [int(i) for i in free if base.link_count <= i < len(base.names)]
         # Of a part that is said to have nothing, and has nothing, any error is too much.
         nothing = np.full(seen.size, np.inf)
-        far = np.divide(errors[: seen.size], seen, out=nothing, where=seen > 0.0)
+        off = errors[: seen.size]
+        far = np.divide(off, seen, out=nothing, where=(seen > 0.0) & np.isfinite(off))
         worst = max(parts, key=lambda i: float(far[i]), default=-1)
         if worst < 0 or errors[worst] <= seen[worst]:
             return reasons
