@@ -17,7 +17,7 @@ from hydro_ident.bag.streaming import OVERLAP_S, PIECE_S, Piece
 from hydro_ident.estimate.effects.listed_effects import ListedEffects
 from hydro_ident.estimate.flows.chambers import WindowSettings
 from hydro_ident.estimate.flows.delay import DelayFit, fit_delay
-from hydro_ident.estimate.flows.flow_moments import FlowGatherer
+from hydro_ident.estimate.flows.flow_moments import FlowGatherer, Select
 from hydro_ident.estimate.signals.traces import traces_of_piece
 from hydro_ident.estimate.statistics.regression import misfit
 from hydro_ident.identify.survey import Survey
@@ -61,7 +61,11 @@ class UpdatedBetween:
 
 
 def with_updates(
-    robot: Robot, sources: Sequence[Source], others: Sequence[Source], surveys: Sequence[Survey]
+    robot: Robot,
+    sources: Sequence[Source],
+    others: Sequence[Source],
+    surveys: Sequence[Survey],
+    select: Select | None = None,
 ) -> tuple[tuple[Source, ...], tuple[Source, ...]]:
     """Recordings with their commands as they were updated: held, or changing between the samples.
 
@@ -74,6 +78,8 @@ def with_updates(
         Of the same machine and controller.
     surveys : sequence of Survey
         Of the sources, then of the others.
+    select : callable, optional
+        Picks the rows that may tell: those that are fitted, not those that scores are of.
 
     Returns
     -------
@@ -82,7 +88,7 @@ def with_updates(
     """
     cycle_s = {survey.name: survey.recording.period_s for survey in surveys}
     slow = [source for source in sources if cycle_s[source.name] > SLOW_S]
-    if not slow or not _between(robot, slow):
+    if not slow or not _between(robot, slow, select):
         return tuple(sources), tuple(others)
     own, further = (
         tuple(UpdatedBetween(s) if cycle_s[s.name] > SLOW_S else s for s in given)
@@ -101,11 +107,11 @@ def update_notes(sources: Sequence[Source]) -> list[str]:
     ]
 
 
-def _between(robot: Robot, slow: Sequence[Source]) -> bool:
-    held = _fitted(robot, slow)
+def _between(robot: Robot, slow: Sequence[Source], select: Select | None) -> bool:
+    held = _fitted(robot, slow, select)
     if held is None or held.delay_s > _NONE * held.longest_s:
         return False
-    mean = _fitted(robot, [UpdatedBetween(source) for source in slow])
+    mean = _fitted(robot, [UpdatedBetween(source) for source in slow], select)
     if mean is None or mean.chambers.keys() != held.chambers.keys():
         return False
     total, saved = 0.0, 0.0
@@ -116,11 +122,11 @@ def _between(robot: Robot, slow: Sequence[Source]) -> bool:
     return saved > _SAVES * total
 
 
-def _fitted(robot: Robot, sources: Sequence[Source]) -> DelayFit | None:
+def _fitted(robot: Robot, sources: Sequence[Source], select: Select | None) -> DelayFit | None:
     effects, windows = ListedEffects.of(robot), WindowSettings()
     gathered = []
     for source in sources:
-        flows = FlowGatherer(robot, source.name, windows, effects.chamber_columns)
+        flows = FlowGatherer(robot, source.name, windows, effects.chamber_columns, select)
         for piece in source.pieces():
             for trace in traces_of_piece(piece):
                 flows.add(effects.with_signal_laws(trace))

@@ -177,18 +177,19 @@ def prepared(
     effects = ListedEffects.of(robot)
     seen = tuple(workers.map(partial(survey_source, robot=robot), (*sources, *others)))
     surveys = seen[: len(sources)]
-    sources, others = with_updates(robot, sources, others, seen)
     signals = merged_signals(robot, surveys)
     every = 0 if others else settings.hold_out_every
     still = still_joints_of(robot, signals)
     filters = settings.filters.borne_at(max(s.recording.period_s for s in seen))
+    split = _hold_out(surveys, every, filters) if every else HoldOut(every=0)
+    sources, others = with_updates(robot, sources, others, seen, split.training)
     effects = replace(effects, filters=filters)
     windows, longest_s = _delays_tried(robot, surveys, settings.windows)
     plan = GatherPlan(
         robot,
         planned_force_model(robot, effects, surveys),
         effects,
-        _hold_out(surveys, every, filters) if every else HoldOut(every=0),
+        split,
         filters,
         windows,
         still_positions(surveys, still),
