@@ -30,6 +30,8 @@ class Continuity:
         The longest of them.
     bridged : int
         Cycles without a reading that were filled in between their neighbours.
+    lost_s : float
+        In cycles that belong to no stretch.
     """
 
     cycles: int = 0
@@ -37,6 +39,7 @@ class Continuity:
     stretches: int = 0
     longest_s: float = 0.0
     bridged: int = 0
+    lost_s: float = 0.0
     _begin_s: float = 0.0
     _end_s: float = -np.inf
 
@@ -47,6 +50,8 @@ class Continuity:
         for name, values in _sensors(core):
             absent = int(np.isnan(values).sum())
             self.missing[name] = self.missing.get(name, 0) + absent
+        owned = sum(trace.owned.stop - trace.owned.start for trace in traces)
+        self.lost_s += (len(core) - owned) * core.period_s
         for trace in traces:
             self.bridged += trace.bridged
             begin_s = float(trace.time_s[trace.owned.start])
@@ -61,6 +66,12 @@ class Continuity:
         """Sensors that are read, but not in a large share of the cycles, and that share."""
         shares = {name: count / max(self.cycles, 1) for name, count in self.missing.items()}
         return {name: share for name, share in shares.items() if LONG_LOSS < share < 1.0}
+
+    @property
+    def missed(self) -> dict[str, int]:
+        """Sensors without a reading in fewer cycles than that, and in how many."""
+        few = LONG_LOSS * self.cycles
+        return {name: count for name, count in self.missing.items() if 0 < count <= few}
 
 
 def _sensors(recording: Recording) -> Iterator[tuple[str, FloatArray]]:
@@ -169,4 +180,27 @@ def bridged_notes(names: Iterable[str], continuities: Iterable[Continuity]) -> l
         f" {1e3 * LONGEST_HOLE_S:g} ms, are bridged between their neighbours"
         for name, one in zip(names, continuities, strict=True)
         if one.bridged
+    ]
+
+
+def lost_notes(names: Iterable[str], continuities: Iterable[Continuity]) -> list[str]:
+    """Which recordings have holes that are too long to be filled in, and of what.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Of the recordings.
+    continuities : iterable of Continuity
+        Theirs.
+
+    Returns
+    -------
+    list of str
+        A sentence for each that has any.
+    """
+    return [
+        f"{name}: {one.lost_s:.3g} s are left out, for want of readings"
+        f" ({', '.join(f'{sensor} in {count} cycles' for sensor, count in one.missed.items())})"
+        for name, one in zip(names, continuities, strict=True)
+        if one.lost_s > LONGEST_HOLE_S and one.missed
     ]

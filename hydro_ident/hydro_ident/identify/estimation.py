@@ -29,7 +29,7 @@ from hydro_ident.identify.estimator_choice import (
     first_choice,
     referenced_share,
 )
-from hydro_ident.identify.gathering import Gathered, GatherPlan, gather_source
+from hydro_ident.identify.gathering import Gathered, GatherPlan, gather_source, unfitted_notes
 from hydro_ident.identify.survey import Survey
 from hydro_ident.recordings.cleaning import Cleaner
 from hydro_ident.recordings.sources import Source
@@ -106,6 +106,7 @@ class Estimation:
             for g in gathered
             if g.stopped_s > 0.0
         ]
+        self.notes += unfitted_notes(self.plan, gathered, surveys)
         plain = solve_ols if first.name == "ols" else solve_wls
         hydraulic, gathered = self._flows(gathered, plain)
         if first.name == "robust":

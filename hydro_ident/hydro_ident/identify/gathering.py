@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from hydro_ident.bag.streaming import OVERLAP_S, Piece
 from hydro_ident.estimate.effects.listed_effects import ListedEffects
-from hydro_ident.estimate.flows.chambers import WindowSettings
+from hydro_ident.estimate.flows.chambers import WindowSettings, chambers_of
 from hydro_ident.estimate.flows.flow_moments import FlowGatherer
 from hydro_ident.estimate.flows.summed_flow import SummedFlow
 from hydro_ident.estimate.forces.end_stops import at_end_stops
@@ -20,6 +20,7 @@ from hydro_ident.estimate.signals.traces import Trace, traces_of_piece
 from hydro_ident.estimate.statistics.moments import Moments
 from hydro_ident.estimate.statistics.robust import Weights
 from hydro_ident.identify.channel_scores import ScoreKeeper, ScorePlan
+from hydro_ident.identify.survey import Survey
 from hydro_ident.recordings.cleaning import Cleaner
 from hydro_ident.recordings.sources import Source
 from hydro_model.robot import Robot
@@ -98,6 +99,41 @@ class Gathered:
     force_weights: Weights | None
     cleaned: dict[str, int] = field(default_factory=dict)
     stopped_s: float = 0.0
+
+
+def unfitted_notes(
+    plan: GatherPlan, gathered: Sequence[Gathered], surveys: Sequence[Survey]
+) -> list[str]:
+    """Which recordings give no row to a channel, though they have all that it needs.
+
+    Parameters
+    ----------
+    plan : GatherPlan
+    gathered : sequence of Gathered
+    surveys : sequence of Survey
+        Of the same recordings.
+
+    Returns
+    -------
+    list of str
+        A sentence for each such recording.
+    """
+    notes = []
+    wanted = (*plan.model.channels, *(c.channel for c in chambers_of(plan.robot)))
+    for one, survey in zip(gathered, surveys, strict=True):
+        rows = dict.fromkeys(wanted, 0.0)
+        if one.forces is not None:
+            rows |= dict(zip(plan.model.channels, one.forces.lagged.tolist(), strict=True))
+        rows |= {name: float(c.moments.lagged.sum()) for name, c in one.flows.chambers.items()}
+        told = {loss.channel for loss in survey.recording.losses}
+        lacking = [name for name, count in rows.items() if count == 0.0 and name not in told]
+        if lacking:
+            notes.append(
+                f"{one.name}: nothing of it is fitted in {', '.join(lacking)}: of its stretches"
+                f" with all readings the longest lasts {survey.continuity.longest_s:.3g} s, and"
+                " the filters' reach, end stops and what is held out leave nothing"
+            )
+    return notes
 
 
 def overlap_s(filters: FilterSettings) -> float:

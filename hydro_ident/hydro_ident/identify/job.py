@@ -21,7 +21,7 @@ from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.statistics.moments import Moments
 from hydro_ident.identify.channel_scores import ScorePlan, channel_scores
 from hydro_ident.identify.command_updates import update_notes, with_updates
-from hydro_ident.identify.continuity import bridged_notes, partial_notes
+from hydro_ident.identify.continuity import bridged_notes, lost_notes, partial_notes
 from hydro_ident.identify.estimation import Estimates, cleaned_notes
 from hydro_ident.identify.estimator_choice import Choice
 from hydro_ident.identify.gathering import GatherPlan, score_source
@@ -126,7 +126,8 @@ class Job:
             if recording.gaps:
                 notes.append(f"{recording.path.name}: {len(recording.gaps)} gaps in the cycles")
         names, continuities = [s.name for s in self.seen], [s.continuity for s in self.seen]
-        notes += bridged_notes(names, continuities) + partial_notes(names, continuities)
+        for told in (bridged_notes, lost_notes, partial_notes):
+            notes += told(names, continuities)
         held = self.plan.effects.held
         notes += [f"effect {name} taken as listed, not fitted" for name in held]
         notes += [
