@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
+from hydro_ident.bag.streaming import map_columns
 from hydro_ident.commands.identify import summary_text
 from hydro_ident.estimate.flows.cylinder_fit import CylinderFit
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit
@@ -210,6 +211,25 @@ def test_forces_predicted_worse_than_by_their_mean_are_rejected(crane: Recording
     found = identify(load_robot("xs031"), [crane], [good])
     assert any("is predicted worse than by its mean (fit -" in text for text in found.problems)
     assert all(p.reason for p in found.parameters if p.name in names_of_forces(found))
+
+
+@pytest.mark.needs("clarabel")
+@pytest.mark.parametrize("noise_pa", [0.0, 200.0])
+def test_a_crane_at_rest_judges_no_forces_by_their_mean(crane: Recording, noise_pa: float) -> None:
+    """Whatever is a newton off is worse than the mean of what does not move."""
+    robot, at = crane.robot, int(np.abs(speeds(crane)[0]).sum(axis=1).argmin())
+    rest = map_columns(crane, lambda values: np.repeat(values[at : at + 1], len(values), axis=0))
+    areas = np.array([[c.area_a_m2, c.area_b_m2] for c in robot.cylinders])
+    force = inverse_dynamics(robot, rest.q, 0.0 * rest.q, 0.0 * rest.q)
+    force /= np.stack([lever(c, rest.q[:, i]) for i, c in enumerate(robot.cylinders)], axis=1)
+    noise = noise_pa * np.random.default_rng(0).normal(size=(2, *rest.q.shape))
+    p_b = np.full(rest.q.shape, 2e6)
+    p_a = (1.001 * force + areas[:, 1] * p_b) / areas[:, 0]
+    rest = replace(rest, stamp_ns=crane.stamp_ns, path=Path("rest"))
+    rest = replace(rest, p_a=p_a + noise[0], p_b=p_b + noise[1])
+    found = identify(load_robot("xs031"), [crane], [rest])
+    assert found.inertial is not None
+    assert not found.inertial.rejected
 
 
 @pytest.mark.needs("clarabel")

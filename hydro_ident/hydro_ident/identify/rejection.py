@@ -190,7 +190,9 @@ def _failed(robot: Robot, scores: Sequence[ChannelScore], channels: Collection[s
         fit, floor = float(s["fit_after_pct"]), float(s["noise_floor"])
         if after <= QUIET * floor:
             continue
-        if fit < 0.0:
+        # As root mean square. Of what hardly moves the mean is as good as any model.
+        moved = after / (1.0 - fit / 100.0) if fit < 0.0 else 0.0
+        if moved > QUIET * floor:
             found.append(f"{score.name} is predicted worse than by its mean (fit {fit:.0f} %)")
         elif after > WORSE * before:
             found.append(
