@@ -135,7 +135,10 @@ def free_run(
     pieces = spread([w for piece in whole for w in windows(piece, split)], MOST_WINDOWS)
     stops = _stop_notes(given, traces)
     if not pieces:
-        needed = "valve voltages, pressures (or torques) and positions of every joint"
+        needed = (
+            "valve voltages, pressures (or torques) and positions of every joint, held out for"
+            f" {SHORTEST_S:g} s on end beside the filters' reach"
+        )
         reason = f"no free run: it needs {needed}" if traces else "no free run: nothing held out"
         return FreeRun((), 0, 0, 0.0, (reason, *stops), "")
     robots = (given, None if why_not else identified)

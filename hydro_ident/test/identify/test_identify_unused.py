@@ -48,3 +48,13 @@ def test_a_bag_that_gives_nothing_is_said_with_its_channels(clean: Any, seconds:
         assert channel in note
     alone = identify(load_robot("xs031"), [whole])
     assert not any("nothing of it is fitted in" in note for note in alone.notes)
+
+
+def test_a_bag_too_short_for_a_free_run_is_told_how_long_it_takes(clean: Any) -> None:
+    """It has voltages, pressures and positions."""
+    whole = clean.recording()
+    found = identify(load_robot("xs031"), [whole], [short(whole, 0.6)])
+    assert found.free_run is not None
+    [text] = found.free_run.rejected
+    assert text.startswith("no free run: it needs valve voltages")
+    assert "held out for 0.5 s on end" in text
