@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: A column that resembles the others this much is not told apart from them.
-MAX_COLLINEARITY = 1.0e3
-
 
 @dataclass(frozen=True, slots=True)
 class Expected:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.design.expected import MAX_COLLINEARITY, Expected
+from hydro_ident.design.expected import Expected
 from hydro_ident.design.information import Residual, moments, sandwich
 from hydro_ident.estimate.effects.listed_effects import ListedEffects
 from hydro_ident.estimate.flows.chambers import (
@@ -22,7 +22,7 @@ from hydro_ident.estimate.flows.chambers import (
 )
 from hydro_ident.estimate.scoring.noise import flow_noise
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_ident.estimate.statistics.least_squares import collinearity
+from hydro_ident.estimate.statistics.least_squares import MAX_COLLINEARITY, collinearity
 from hydro_ident.parameters.parameters import effect_unit, listed_value
 from hydro_model.robot import FloatArray
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.design.expected import MAX_COLLINEARITY, Expected
+from hydro_ident.design.expected import Expected
 from hydro_ident.design.flow_errors import flow_errors
 from hydro_ident.design.information import (
     ForceInformation,
@@ -31,7 +31,7 @@ from hydro_ident.estimate.forces.inertial import Motion
 from hydro_ident.estimate.scoring.noise import force_noise
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_ident.estimate.statistics.least_squares import collinearity
+from hydro_ident.estimate.statistics.least_squares import MAX_COLLINEARITY, collinearity
 from hydro_ident.json_numbers import finite
 from hydro_ident.parameters.parameters import effect_unit, listed_value, viscous_unit
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, FloatArray, Robot

@@ -9,7 +9,7 @@ import numpy as np
 
 from hydro_ident.errors import IdentError
 from hydro_ident.parameters.parameter_names import parts_of
-from hydro_ident.parameters.parameters import Parameter
+from hydro_ident.parameters.parameters import Parameter, listed_or_none
 from hydro_model.robot import FloatArray, Robot
 
 #: Coefficients of a combination that agree to this are the same.
@@ -25,7 +25,7 @@ def old_value(robot: Robot, parameter: Parameter) -> float | None:
     if not owner:
         return robot.command_delay_s
     if effect:
-        return _listed(robot, owner, effect, rest)
+        return listed_or_none(robot, parameter.name)
     for cylinder in robot.cylinders:
         if cylinder.name == owner:
             bulk = rest == "bulk_modulus"
@@ -48,15 +48,6 @@ def old_deviation(robot: Robot, parameter: Parameter) -> float | None:
             # Zero stands for a parameter that was not identified and kept the robot file's value.
             return math.sqrt(variance) if variance > 0.0 else None
     return robot.standard_deviations.get(parameter.name)
-
-
-def _listed(robot: Robot, owner: str, effect: str, name: str) -> float | None:
-    targets = [owner, robot.name, *(v.name for v in robot.valves if v.cylinder == owner)]
-    targets += [c.joint for c in robot.cylinders if c.name == owner]
-    for spec in robot.effects:
-        if spec.name == effect and spec.target in targets and name in spec.parameters:
-            return float(spec.parameters[name])
-    return None
 
 
 def inertia(robot: Robot) -> dict[str, float]:

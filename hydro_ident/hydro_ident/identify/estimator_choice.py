@@ -24,7 +24,6 @@ from hydro_model.robot import FloatArray, Robot
 
 #: What may be asked for.
 Choice = Literal["auto", "ols", "wls", "robust", "iv"]
-CHOICES: tuple[Choice, ...] = ("auto", "ols", "wls", "robust", "iv")
 #: `auto`: more spikes than this share call for the robust estimator.
 SPIKE_SHARE = 1.0e-3
 #: `auto`: references over this share of the time serve as instruments.

@@ -314,10 +314,15 @@ def listed_value(robot: Robot, name: str) -> float:
 
     The owner is a cylinder, or a joint without cylinder.
     """
+    return listed_or_none(robot, name) or 0.0
+
+
+def listed_or_none(robot: Robot, name: str) -> float | None:
+    """The same; None where it lists none."""
     owner, effect, parameter = parts_of(name)
     targets = [owner, robot.name, *(v.name for v in robot.valves if v.cylinder == owner)]
     targets += [c.joint for c in robot.cylinders if c.name == owner]
     for spec in robot.effects:
-        if spec.name == effect and spec.target in targets:
-            return float(spec.parameters.get(parameter, 0.0))
-    return 0.0
+        if spec.name == effect and spec.target in targets and parameter in spec.parameters:
+            return float(spec.parameters[parameter])
+    return None

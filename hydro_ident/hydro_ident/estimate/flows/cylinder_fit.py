@@ -18,13 +18,11 @@ from hydro_ident.estimate.flows.delay import FittedChamber
 from hydro_ident.estimate.flows.shared_parameters import chambers_to_cylinder
 from hydro_ident.estimate.forces.bounds import DEVIATIONS, conditioned
 from hydro_ident.estimate.forces.closed_chain import HeldPart
-from hydro_ident.estimate.statistics.least_squares import Fit
+from hydro_ident.estimate.statistics.least_squares import MAX_COLLINEARITY, Fit
 from hydro_model.robot import FloatArray
 
 #: Effective bulk modulus of a hydraulic chamber: from a foaming reservoir to steel-piped oil.
 BULK_BOUNDS_PA = (1.0e7, 5.0e9)
-#: A parameter whose column resembles the others this much is not told apart from them.
-MAX_COLLINEARITY = 1.0e3
 
 
 @dataclass(frozen=True, slots=True)

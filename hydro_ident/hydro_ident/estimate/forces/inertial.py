@@ -29,7 +29,12 @@ from hydro_ident.estimate.forces.listed_values import keep_listed
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.blocks import Blocks, blocks_of
-from hydro_ident.estimate.statistics.least_squares import Fit, Rows, fit_of_solution
+from hydro_ident.estimate.statistics.least_squares import (
+    MAX_COLLINEARITY,
+    Fit,
+    Rows,
+    fit_of_solution,
+)
 from hydro_ident.estimate.statistics.moments import Moments
 from hydro_ident.estimate.statistics.regression import Solution, solve_wls
 from hydro_model.hydraulics.cylinder import lever
@@ -53,8 +58,6 @@ __all__ = [
     "still_joints",
 ]
 
-#: A parameter whose column resembles the others this much is not told apart from them.
-MAX_COLLINEARITY = 1.0e3
 #: A joint that never leaves a band of this many encoder counts stands still, unless it moves more
 #: than `MOVING_RANGE` by an encoder that coarse (two neighbours of a count are its flicker); so
 #: does one that moves less than `STILL_RANGE`, where friction hides everything else.

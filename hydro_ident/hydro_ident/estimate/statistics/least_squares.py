@@ -29,6 +29,7 @@ from hydro_ident.estimate.statistics.solution import levels
 from hydro_model.robot import FloatArray
 
 __all__ = [
+    "MAX_COLLINEARITY",
     "BoolArray",
     "Estimator",
     "Fit",
@@ -40,6 +41,8 @@ __all__ = [
 
 #: Ordinary; weighted per channel; weighted and robust; weighted with instruments.
 Estimator = Literal["ols", "wls", "robust", "iv"]
+#: A parameter whose column resembles the others this much is not told apart from them.
+MAX_COLLINEARITY = 1.0e3
 #: Robust passes: Huber's weights first, then the biweight.
 HUBER_PASSES, ROBUST_PASSES = 3, 10
 #: A robust fit has settled when no parameter moves by more than this share of its deviation.
