@@ -92,6 +92,7 @@ def test_commands_that_a_slow_controller_holds_are_taken_as_held(
     assert not any("changed between" in note for note in found.notes)
 
 
+@pytest.mark.thorough
 def test_blocks_that_are_held_out_do_not_tell(runs: dict[str, Recording], robot: Robot) -> None:
     """Scores are of these: voltages of chance there change nothing of what is found."""
     slow = _slow(runs["smooth"], 5)

@@ -96,6 +96,7 @@ def test_no_pose_is_one_line(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "start",
     [(), pytest.param(("--start-joints", "0.5", "0.8", "-1.2"), marks=pytest.mark.thorough)],

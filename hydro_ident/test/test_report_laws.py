@@ -130,6 +130,7 @@ def bristling(make_run: tuple[Callable[..., Robot], Callable[..., object]]) -> D
         return diagnose(load_robot("xs031"), bags[:1], bags[1:])
 
 
+@pytest.mark.thorough
 def test_a_law_that_bears_another_ones_name_is_told_as_what_the_model_has(
     bristling: Diagnosis,
 ) -> None:

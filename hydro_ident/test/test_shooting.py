@@ -177,6 +177,7 @@ def _refined(work: Residuals, start: Fitted, settings: RefineSettings = BUDGET) 
     return refine(work, start, given, settings, False)
 
 
+@pytest.mark.thorough
 def test_roll_outs_correct_a_friction_that_the_equations_got_wrong(
     work: Residuals, whole: Fitted
 ) -> None:

@@ -10,6 +10,7 @@ from hydro_ident.study.synthetic import Noise, synthetic_recording
 from hydro_model.robot_files import load_robot
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("clarabel")
 def test_robust_weights_cost_edges_and_oil_little() -> None:
     """As of forces: biweights lose a twentieth of the information where nothing is wrong.

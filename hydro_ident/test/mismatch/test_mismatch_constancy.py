@@ -196,6 +196,7 @@ def test_mean_and_change_of_a_drag_are_told_together(
     assert found.deviation > found.mean > 0.0
 
 
+@pytest.mark.thorough
 def test_rows_in_which_a_drag_would_not_stand_out_say_nothing_of_it(
     minute: Any, lay_out: Callable[..., Residuals]
 ) -> None:

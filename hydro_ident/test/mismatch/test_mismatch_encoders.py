@@ -139,6 +139,7 @@ def _line(work: Residuals) -> Dependence:
     )
 
 
+@pytest.mark.thorough
 def test_a_line_that_noise_makes_of_inertia_is_told_from_one_that_is_there(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:

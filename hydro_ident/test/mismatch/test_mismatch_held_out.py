@@ -16,7 +16,14 @@ from hydro_ident.mismatch.answer.channel_results import channels_of
 from hydro_ident.mismatch.answer.diagnosis import _verdict
 from hydro_ident.mismatch.answer.diagnosis_file import result_dict
 from hydro_ident.mismatch.answer.notes import silent_notes, unverified_notes
-from hydro_ident.mismatch.answer.outcome import MATCHES, NO_IMPROVEMENT, PARTLY, Diagnosis, Finding
+from hydro_ident.mismatch.answer.outcome import (
+    MATCHES,
+    NO_IMPROVEMENT,
+    PARTLY,
+    ChannelResult,
+    Diagnosis,
+    Finding,
+)
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.fitting.whitening import Noise
@@ -319,13 +326,16 @@ def test_what_stands_out_nowhere_is_no_failed_improvement(work: Residuals) -> No
     """Refused by held-out rows it is one; what its own recording does not show never was one."""
     whole, named = _named(work, 0.0005)
     faint = whole, replace(named, spread=1.0e9)
-    for finding, check, verdict in (
+    for one, check, verdict in (
         (faint, work.check, MATCHES),
         ((whole, replace(named, p_value=1.0)), _unseen(work), NO_IMPROVEMENT),
     ):
-        refused = _verified(work, finding, check)
+        refused = _verified(work, one, check)
         assert not refused.stands
-        assert _verdict([], [Finding(named, refused, ("lift/force",))], [], False) == verdict
+        at = np.arange(9.0)
+        left = ChannelResult("lift/force", "N", at, at, 0.0 * at, 0.0 * at, 0.1)
+        finding = Finding(named, refused, ("lift/force",))
+        assert _verdict([], [finding], [left], [], False) == verdict
 
 
 def test_silent_findings_are_said_to_be(work: Residuals) -> None:
@@ -334,7 +344,7 @@ def test_silent_findings_are_said_to_be(work: Residuals) -> None:
     origin = Provenance("diagnose", "0", "xs031", {}, {})
     for check, exercised in ((work.check, True), (_unseen(work), False)):
         finding = Finding(named[1], _verified(work, named, check), ("lift/force",))
-        verdict = _verdict([finding], [], [], False)
+        verdict = _verdict([finding], [], [], [], False)
         assert (verdict == PARTLY) is not exercised
         notes = silent_notes([finding])
         assert bool(notes) is not exercised

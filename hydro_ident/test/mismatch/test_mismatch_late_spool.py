@@ -73,6 +73,7 @@ def test_a_delay_that_the_listed_spool_had_taken_up_is_named(late: Residuals) ->
     assert list(_tilt_spool(answer.whole).parameters) == [75.0, 0.9]
 
 
+@pytest.mark.thorough
 def test_a_damping_that_the_file_leaves_out_does_not_take_it_up_where_it_is_held(
     half_listed: Residuals,
 ) -> None:

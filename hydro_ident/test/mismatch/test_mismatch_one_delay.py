@@ -124,6 +124,7 @@ def test_beside_a_delay_only_what_makes_valves_late_is_weighed_at_each(
     assert set(asked) <= set(OF_VALVES)
 
 
+@pytest.mark.thorough
 def test_spools_that_all_lag_are_begun_anew_together(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:

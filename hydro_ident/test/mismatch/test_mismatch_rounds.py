@@ -31,7 +31,9 @@ def rounds(monkeypatch: pytest.MonkeyPatch) -> Any:
     def run(*outcomes: tuple[list[Finding], list[Finding]]) -> tuple[Any, list[set[str]]]:
         without, left = list[set[str]](), list(outcomes)
 
-        def searcher(scan: Any, base: Any, excluded: set[tuple[str, str]], bank: Any) -> Any:
+        def searcher(
+            scan: Any, base: Any, excluded: set[tuple[str, str]], bank: Any, floors: Any
+        ) -> Any:
             without.append({name for name, _ in excluded})
             named = [f.named for outcome in left[:1] for each in outcome for f in each]
             search = SimpleNamespace(named=named)
@@ -39,7 +41,7 @@ def rounds(monkeypatch: pytest.MonkeyPatch) -> Any:
 
         monkeypatch.setattr(confirmation, "Searcher", searcher)
         monkeypatch.setattr(confirmation, "_confirmed", lambda work, search: (None, *left.pop(0)))
-        work: Any = SimpleNamespace(scan=None, bank=None)
+        work: Any = SimpleNamespace(scan=None, bank=None, noise_floors=dict)
         return confirmation.searched(work, work), without
 
     return run

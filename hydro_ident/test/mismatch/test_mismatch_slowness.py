@@ -41,6 +41,7 @@ def _stiffness(work: Residuals, run: Any) -> list[float]:
     return [one.bulk_modulus_pa / true.bulk_modulus_pa for one, true in cylinders]
 
 
+@pytest.mark.thorough
 def test_a_calm_valve_leaves_the_windows_as_they_are(
     runs: dict[str, Any], lay_out: Callable[..., Residuals]
 ) -> None:
