@@ -157,7 +157,10 @@ class Searcher:
                 continue
             each = self.contest.at_each(current, step.noise, found, step.scores)
             fresh = fit(self.training, each.model, passes=2)
-            if self._despair.of(current, fresh, [one.term for one in each.named]):
+            terms = [one.term for one in each.named]
+            if self._despair.of(current, fresh, terms):
+                # Once more it would come out the same, whatever channels its trial acts in.
+                self.excluded |= {(term.effect.name, term.target) for term in terms}
                 continue
             named, current = [*named, *each.named], fresh
         named, current = Revision(self.contest).revised(named, current)
