@@ -151,6 +151,7 @@ def test_a_law_that_bears_another_ones_name_is_told_as_what_the_model_has(
     )
 
 
+@pytest.mark.thorough
 def test_a_law_of_the_model_is_not_among_what_could_not_have_shown(bristling: Diagnosis) -> None:
     names = ("presliding_friction", "backlash", "supply_droop")
     missed = tuple(NotTestable(name, "nothing changes with it") for name in names)

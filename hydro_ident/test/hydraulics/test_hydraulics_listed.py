@@ -59,6 +59,7 @@ def test_a_listed_spool_lag_does_not_shift_the_delay(robot: Robot, bench: Any) -
         assert fit.cylinders[0].value(name)[0] == pytest.approx(value, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_air_is_in_the_dead_volume_too(make_run: Any) -> None:
     """Listed a fifth off, both come to what the machine has."""
     true_crane, simulated_run = make_run

@@ -36,6 +36,7 @@ def test_twelve_millilitres_are_found(make_run: Make, lay_out: Callable[..., Res
     assert found.named.term.parameters == pytest.approx([1.2e-5, 1.2e-5], rel=0.05)
 
 
+@pytest.mark.thorough
 def test_air_is_in_the_dead_volume_too(
     make_run: Make, predictor_of: Callable[[Robot, Recording], Predictor]
 ) -> None:

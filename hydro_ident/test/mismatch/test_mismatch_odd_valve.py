@@ -105,6 +105,7 @@ def test_a_difference_within_its_doubt_is_none(late: Residuals) -> None:
     assert odd_valve(late.training, _Doubted(late.base, covariance)) is None  # type: ignore[arg-type]
 
 
+@pytest.mark.thorough
 def test_nor_is_a_delay_at_its_bound_that_the_rows_do_not_tell(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:

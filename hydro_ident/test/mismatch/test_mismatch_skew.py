@@ -230,6 +230,7 @@ def test_a_known_base_knows_no_skew(make_run: Make) -> None:
     assert found[1] - found[0] == pytest.approx(3.0e-4, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_pressures_far_later_than_a_cycle_are_tried_as_late_as_they_are(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:

@@ -51,6 +51,7 @@ def test_a_calm_valve_leaves_the_windows_as_they_are(
     assert _stiffness(work, runs["calm"]) == pytest.approx([1.0, 1.0], abs=0.02)
 
 
+@pytest.mark.thorough
 def test_a_wavering_valve_makes_oil_look_stiff_over_short_windows_only(
     runs: dict[str, Any], monkeypatch: pytest.MonkeyPatch, lay_out: Callable[..., Residuals]
 ) -> None:
