@@ -198,6 +198,19 @@ def test_what_a_delay_leaves_where_a_lag_leaves_less_speaks_against_it(
     assert list(told.probability) == sorted(told.probability, reverse=True)
 
 
+def test_the_likeliest_name_is_first_though_another_law_fits_best(
+    late: list[ActiveEffect], robot: Robot
+) -> None:
+    """A delay of one valve and one of all are one name, which has the chances of both."""
+    lag, delay = sorted(late, key=lambda one: one.effect.name == "command_delay")
+    of_all = replace(delay, cylinder=None, target=robot.name)
+    held = ((lag, 381.0), (delay, 380.0), (of_all, 380.0))
+    told = named_of([Contender(one, UNFITTED, 400.0, h, 3.0) for one, h in held], 0.001, 1.0)
+    assert told.names == ("command_delay", "valve_spool_lag")
+    assert told.probability[0] > 0.5 > told.probability[1]
+    assert told.term.effect.name == told.names[0]
+
+
 def test_a_law_whose_size_may_be_anything_is_before_none_that_is_told(
     late: list[ActiveEffect],
 ) -> None:

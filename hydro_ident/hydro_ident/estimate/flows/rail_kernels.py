@@ -34,7 +34,7 @@ _STAGE = 1.0 - math.sqrt(0.5)
 #: A step is no longer than this share of the quickest law's lag: rails are true to 0.2 %.
 _LONGEST = 0.25
 #: No more steps than that from sample to sample, where a lag of a whole interval has it: a quicker
-#: one is over by the next sample, and of what moves 6e-4 is out of place (rms).
+#: one is over by the next sample, and of what moves 6e-4 is out of place (rms; 5e-3 at most).
 _MOST = 4
 #: Looks for a rail that agrees with its flow, at most, and the difference that ends them, Pa.
 _PASSES, _ENOUGH_PA = 64, 1e-3

@@ -15,8 +15,8 @@ from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.fitting.whitening import Noise
 from hydro_ident.mismatch.naming.contenders import firsts
 from hydro_ident.mismatch.naming.contest import PASSES, Contest
-from hydro_ident.mismatch.naming.despair import Despair
 from hydro_ident.mismatch.naming.few_motions import FewMotions
+from hydro_ident.mismatch.naming.given_up import GivenUp
 from hydro_ident.mismatch.naming.named import Named
 from hydro_ident.mismatch.naming.one_delay import as_one_delay
 from hydro_ident.mismatch.naming.pairs import best_pair
@@ -131,7 +131,7 @@ class Searcher:
         self.contest = Contest(training, few)
         # Tried in earlier steps, and not worth what they cost.
         self._refuted = set[tuple[str, str]]()
-        self._despair = Despair(training, base, floors)
+        self._lost = GivenUp(training, base, floors)
 
     def run(self) -> Search:
         """Forward, then every finding again with the others in place."""
@@ -158,7 +158,7 @@ class Searcher:
             each = self.contest.at_each(current, step.noise, found, step.scores)
             fresh = fit(self.training, each.model, passes=2)
             terms = [one.term for one in each.named]
-            if self._despair.of(current, fresh, terms):
+            if self._lost.of(current, fresh, terms):
                 # Once more it would come out the same, whatever channels its trial acts in.
                 self.excluded |= {(term.effect.name, term.target) for term in terms}
                 continue
@@ -185,7 +185,7 @@ class Searcher:
                 continue
             if (active.effect.name, active.target) in self._refuted:
                 continue
-            if self._despair.covers(candidate.entry.rows):
+            if self._lost.covers(candidate.entry.rows):
                 continue
             if effective_blocks(scan.bench, candidate, self.training.mask) < LEAST_EFFECTIVE:
                 continue

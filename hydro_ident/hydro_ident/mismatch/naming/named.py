@@ -225,12 +225,13 @@ def named_of(
     count = int(np.searchsorted(np.cumsum(weights), SET_PROBABILITY)) + 1
     kept = tuple(ranked[:count])
     kept += tuple(c for c in ranked[count:] if c.name == kept[0].name and _near(c, kept[0]))
-    names = list(dict.fromkeys(c.name for c in kept))
     total = {
         n: float(sum(w for c, w in zip(ranked, weights, strict=True) if c.name == n))
-        for n in names
+        for n in dict.fromkeys(c.name for c in kept)
     }
-    names.sort(key=lambda name: -total[name])
+    # The likeliest name first, which more than one law may bear.
+    kept = tuple(sorted(kept, key=lambda c: -total[c.name]))
+    names = dict.fromkeys(c.name for c in kept)
     gain = ranked[0].gain
     shares = tuple(total[n] for n in names)
     told = Named(kept, shares, p, gain, tuple(ranked), own, few=few, allowance=allowance)

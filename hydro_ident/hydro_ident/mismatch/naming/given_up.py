@@ -24,7 +24,7 @@ _TAKEN = 0.1
 _EXPLAINED = 0.75
 
 
-class Despair:
+class GivenUp:
     """Which channels are given up.
 
     Parameters
