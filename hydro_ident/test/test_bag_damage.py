@@ -160,6 +160,12 @@ WAYS: Mapping[str, Callable[[Path], Found]] = {
     "played": _played,
 }
 each_way = pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
+#: The others share what reads records with the first.
+each_way_thoroughly = pytest.mark.parametrize(
+    "way",
+    [_whole, *(pytest.param(way, marks=pytest.mark.thorough) for way in (_in_pieces, _played))],
+    ids=WAYS,
+)
 #: Where the changes of a file begin and how far they lie apart. All ways read records alike: after
 #: every change one of them does, the other two after every second, in turn.
 STEPS = {_whole: (0, 1), _in_pieces: (0, 2), _played: (1, 2)}
@@ -212,7 +218,7 @@ def _right_cycles(found: Found) -> list[int]:
     return cycles
 
 
-@each_way
+@each_way_thoroughly
 @pytest.mark.parametrize(
     "kind",
     ["project", pytest.param("killed", marks=pytest.mark.thorough),
@@ -240,7 +246,7 @@ def test_cut_at_every_byte_a_prefix_is_read_and_the_loss_said(
     assert last == COUNT
 
 
-@each_way
+@each_way_thoroughly
 def test_every_byte_of_a_project_bag_changed_is_right_or_said(
     tmp_path: Path, project_bag: Path, way: Callable[[Path], Found]
 ) -> None:

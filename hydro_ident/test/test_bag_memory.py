@@ -97,9 +97,11 @@ def _run(code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize(
     "command",
     [
-        "tracking",
+        pytest.param("tracking", marks=pytest.mark.thorough),
         # Where they lack something, they say that first.
-        pytest.param("identify", marks=pytest.mark.needs("clarabel", "plotly")),
+        pytest.param(
+            "identify", marks=[pytest.mark.thorough, pytest.mark.needs("clarabel", "plotly")]
+        ),
         pytest.param("diagnose", marks=pytest.mark.needs("plotly")),
     ],
 )

@@ -238,6 +238,7 @@ def test_residuals_are_checked(option: str, tmp_path: Path) -> None:
         run(["--robot", "xs031", "--out", str(tmp_path), option, "0"])
 
 
+@pytest.mark.thorough
 def test_a_weak_valve_slows_the_motion(robot: Robot, folder: Path, tmp_path: Path) -> None:
     weak = replace(
         robot,

@@ -272,6 +272,7 @@ def test_how_much_of_a_signal_swings_at_a_frequency() -> None:
     assert swinging(twice, both, 7.0, which) == pytest.approx(np.sqrt(0.045) / size, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_a_hum_is_told_at_a_size_at_which_a_flaw_of_the_form_is_not(
     crane_run: Any, lay_out: Callable[..., Residuals]
 ) -> None:

@@ -166,6 +166,7 @@ def test_nothing_else_moves(loaded: Residuals, whole: Fitted) -> None:
     assert there.theta is whole.model.theta
 
 
+@pytest.mark.thorough
 def test_a_load_of_another_recording_is_there_from_its_start_and_let_go(
     make_run: tuple[Callable[..., Robot], Callable[..., Any]],
     lay_out: Callable[..., Residuals],
@@ -285,6 +286,7 @@ def test_a_load_of_the_robot_file_is_the_other_recordings_own(
     assert float(np.std(confirmer.fitted.residual[lift])) == pytest.approx(noise, rel=0.5)
 
 
+@pytest.mark.thorough
 def test_a_load_that_comes_later_than_the_other_recording_ends_is_verified_there(
     make_run: tuple[Callable[..., Robot], Callable[..., Any]], lay_out: Callable[..., Residuals]
 ) -> None:

@@ -79,6 +79,7 @@ def slow_valves(make_run: Make, lay_out: Callable[..., Residuals]) -> Callable[.
     return lambda *listed, biased=False: lay_out(runs[biased], listed=listed)
 
 
+@pytest.mark.thorough
 def test_of_a_quick_spool_the_data_sheet_tells_more_than_a_recording(
     slow_valves: Callable[..., Residuals],
 ) -> None:
@@ -123,6 +124,7 @@ def test_the_report_has_what_came_out_of_what_was_listed(
     assert moved.value == pytest.approx(9.0, rel=0.03)
 
 
+@pytest.mark.thorough
 def test_shapes_that_took_up_what_was_not_named_go_back_once_it_is(
     slow_valves: Callable[..., Residuals],
 ) -> None:

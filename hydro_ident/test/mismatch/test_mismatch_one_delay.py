@@ -84,6 +84,7 @@ def test_one_delay_takes_the_place_of_lags_that_say_no_more(late: Residuals) -> 
     assert contest.held_out(after) < contest.held_out(whole)
 
 
+@pytest.mark.thorough
 def test_nor_need_the_lags_be_of_one_name(late: Residuals) -> None:
     """What the one spool's lag says as well as the other's slew limit may be said by one delay."""
     slow = EffectSpec("valve_rate_limit", "tilt_valve", {"rate": 8.0})
@@ -153,6 +154,7 @@ def test_spools_that_all_lag_are_begun_anew_together(
     assert late_s == pytest.approx(true_s, abs=1.5e-4)
 
 
+@pytest.mark.thorough
 def test_what_was_named_is_weighed_again_whatever_another_gained_in_training(
     late: Residuals,
 ) -> None:
@@ -253,6 +255,7 @@ def test_a_valve_without_pressures_says_nothing_of_the_others_delay(
     assert resolved(work.training, work.base, found)
 
 
+@pytest.mark.thorough
 def test_spools_that_lag_stay_as_they_are(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:

@@ -130,7 +130,14 @@ def _noise(rng: np.random.Generator, kind: str, draws: int, blocks: int) -> np.n
     return np.asarray(white * own if kind == "uneven" else white + own)
 
 
-@pytest.mark.parametrize("blocks", [8, 20, pytest.param(60, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize(
+    "blocks",
+    [
+        8,
+        pytest.param(20, marks=pytest.mark.thorough),
+        pytest.param(60, marks=pytest.mark.thorough),
+    ],
+)
 @pytest.mark.parametrize("kind", ["white", "heavy", "uneven", "alike"])
 def test_what_was_tried_often_is_confirmed_by_chance_as_seldom_as_said(
     kind: str, blocks: int

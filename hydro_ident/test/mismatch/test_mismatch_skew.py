@@ -148,6 +148,7 @@ def test_the_base_takes_skews_up(make_run: Make, lay_out: Callable[..., Residual
     assert 0.5 * spring.held_out < spring.cost
 
 
+@pytest.mark.thorough
 def test_a_mode_is_more_than_late_pressures(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:
@@ -184,6 +185,7 @@ def test_positions_that_lag_behind_are_told_whatever_else_is_found(
         assert all("before the positions" in text for text in told.values())
 
 
+@pytest.mark.thorough
 def test_what_is_later_than_half_a_cycle_is_the_effect(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:

@@ -156,7 +156,7 @@ def _searched(work: Residuals, *sets: Sequence[tuple[str, dict[str, float]]]) ->
         # Both refused ones had the same one near.
         ([OFFSET, COULOMB], "coulomb_friction"),
         # ... or one that holds the whole dry friction as well.
-        ([OFFSET, BRISTLES], "coulomb_friction"),
+        pytest.param([OFFSET, BRISTLES], "coulomb_friction", marks=pytest.mark.thorough),
         # It is there already.
         ([COULOMB], "coulomb_friction"),
         ([BRISTLES], "presliding_friction"),
