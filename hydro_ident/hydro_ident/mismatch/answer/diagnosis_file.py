@@ -20,6 +20,7 @@ from hydro_ident.mismatch.modelling.refinement import Refinement
 from hydro_ident.mismatch.rows.modelled import same
 from hydro_ident.mismatch.rows.onset import idle_edges
 from hydro_ident.mismatch.settings import FORM_TOLERANCE
+from hydro_ident.mismatch.trials.contender import shape_at_an_end
 from hydro_ident.mismatch.trials.where import where_of
 from hydro_ident.mismatch.unnamed.unknown_file import unexplained_dict
 from hydro_model.effects.targets import ActiveEffect
@@ -176,14 +177,15 @@ def parameters_of(fitted: Fitted | Weighed, term: ActiveEffect) -> list[dict[str
     """Parameters of an effect with their deviations.
 
     These are robust against dependence in blocks, and hold what the form of a law, which is an
-    idealisation, is off by.
+    idealisation, is off by. A shape that ran to the end of its range has none: no slope tells how
+    far from there it may be.
     """
     std = np.sqrt(np.maximum(np.diag(_covariance(fitted, term)), 0.0))
     result, idle = [], idle_edges(term)
     rows = zip(term.effect.parameters, term.parameters, term.units, strict=True)
     for spec, value, unit in (row for row in rows if row[0].name not in idle):
         name = f"{term.target}.{term.effect.name}.{spec.name}"
-        size = _deviation(fitted, std, name)
+        size = None if shape_at_an_end(spec, value) else _deviation(fitted, std, name)
         result.append(
             {
                 "name": f"{term.effect.name}.{spec.name}",
@@ -204,9 +206,9 @@ def covariance_of(fitted: Fitted | Weighed, term: ActiveEffect) -> dict[str, Any
         `names` as in `parameters_of`, and `values`, (k, k) rows; none that are not finite.
     """
     matrix, at, names = _covariance(fitted, term), list[int](), list[str]()
-    for spec in term.effect.parameters:
+    for spec, value in zip(term.effect.parameters, term.parameters, strict=True):
         name = f"{term.target}.{term.effect.name}.{spec.name}"
-        if name in fitted.names:
+        if name in fitted.names and not shape_at_an_end(spec, value):
             k = fitted.names.index(name)
             if math.isfinite(matrix[k, k]):
                 at.append(k)

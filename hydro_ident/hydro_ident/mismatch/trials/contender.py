@@ -9,6 +9,7 @@ import numpy as np
 
 from hydro_ident.mismatch.fitting.weighed import Weighed
 from hydro_ident.mismatch.trials.exclusion import exclude, rival
+from hydro_model.effects.law import ParameterSpec
 from hydro_model.effects.targets import ActiveEffect
 
 DRY, BRISTLE = "coulomb_friction", "presliding_friction"
@@ -162,6 +163,12 @@ def at_a_bound(term: ActiveEffect) -> str:
         if value < (linear if term.everywhere or term.prismatic else turning):
             return f"its {spec.name} is below any that bears the name ({told})"
     return ""
+
+
+def shape_at_an_end(spec: ParameterSpec, value: float) -> bool:
+    """Whether a parameter is a shape that stands at an end of its range."""
+    ends = [e for e in (spec.lower, spec.upper) if np.isfinite(e)]
+    return not spec.linear and any(abs(value - end) <= _BOUND * abs(end) for end in ends)
 
 
 def shape_at_a_bound(term: ActiveEffect) -> str:
