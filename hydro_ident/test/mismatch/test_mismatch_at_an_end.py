@@ -11,9 +11,8 @@ import pytest
 
 from hydro_ident.mismatch.answer.diagnosis_file import covariance_of, parameters_of
 from hydro_model.effects.catalogue import resolve
-from hydro_model.robot import EffectSpec, Robot
 from hydro_model.effects.targets import ActiveEffect
-from hydro_model.robot import Robot
+from hydro_model.robot import EffectSpec, Robot
 
 NAME = "counterbalance_valve"
 
