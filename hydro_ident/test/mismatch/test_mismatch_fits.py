@@ -139,7 +139,7 @@ def test_a_step_that_leads_nowhere_is_taken_nearer(
     law = {"restriction": 1.4, "setting": 4e5, "range": 4e7, "pilot_ratio": 2.0}
     work = _laid_out(lay_out, make_run, EffectSpec("counterbalance_valve", "lift_cylinder/a", law))
     known = _term("counterbalance_valve", "lift_cylinder/a", **law)
-    further = law | {"setting": 8e6, "range": 8e7}
+    further = {"restriction": 5.0, "setting": 1e7, "range": 1e8, "pilot_ratio": 5.0}
     start = _term("counterbalance_valve", "lift_cylinder/a", **further)
     noise = work.base.bench.noise
 

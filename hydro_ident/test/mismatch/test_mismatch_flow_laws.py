@@ -12,6 +12,7 @@ import pytest
 from hydro_ident.bag.recording import Recording
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.fitting.slopes import slopes_at, start_at
+from hydro_ident.mismatch.fitting.stepping import with_values
 from hydro_ident.mismatch.fitting.training import Training, start_model
 from hydro_ident.mismatch.rows.flow_laws import looks_at_valve
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
@@ -80,13 +81,34 @@ def test_slopes_of_a_delay_have_what_a_law_makes_of_it(make_run: Make, predictor
     assert np.std((change - base)[rows]) > 0.2 * np.std(change[rows])
 
 
+@pytest.mark.parametrize("edge", ["c_pa", "c_bt"])
+@pytest.mark.parametrize("spec", LAWS, ids=lambda spec: spec.name)
+def test_slopes_of_an_edge_have_what_a_law_makes_of_it(
+    spec: EffectSpec, edge: str, make_run: Make, predictor_of: Lay
+) -> None:
+    predictor, model = _exact(make_run, predictor_of, spec, 0.0013)
+    columns, names = slopes_at(predictor, start_at(predictor, model))
+    name = f"lift_valve.{edge}"
+    step = 1e-4 * getattr(model.robot.valves[0], edge)
+    wider = with_values(model.robot, {name: getattr(model.robot.valves[0], edge) + step})
+    later = predictor.residual(replace(model, robot=wider))
+    change, rows = (predictor.residual(model) - later) / step, _flows(predictor)
+    own = columns[:, names.index(name)]
+    assert np.std((change - own)[rows]) < 0.02 * np.std(change[rows])
+
+
 def test_delay_and_compensation_are_found_together(make_run: Make, predictor_of: Lay) -> None:
     predictor, model = _exact(make_run, predictor_of, LAWS[1], 0.0013)
     training = Training.of(predictor, moving_rows(predictor.material))
     off = replace(model.terms[0], parameters=np.array([0.7, 5e5, 0.0]))
-    found = fit(training, replace(model, terms=(off,), delays_s=(0.0, 0.0)), passes=6).model
+    found = fit(training, replace(model, terms=(off,), delays_s=(0.0, 0.0)), passes=12).model
     assert found.delays_s[0] == pytest.approx(0.0013, abs=1e-5)
-    assert found.terms[0].parameters == pytest.approx([1.0, 7e5, 0.0], rel=0.1, abs=2e-3)
+    share, margin_pa, outflow = found.terms[0].parameters
+    assert (share, outflow) == pytest.approx((1.0, 0.0), abs=2e-3)
+    # What a compensator that never lets go tells is the flow alone: c times its margin's root.
+    for edge in ("c_pa", "c_pb"):
+        own, known = (getattr(m.robot.valves[0], edge) for m in (found, model))
+        assert own * np.sqrt(margin_pa) == pytest.approx(known * np.sqrt(7e5), rel=5e-3)
 
 
 def test_what_looks_at_the_valve_is_told_by_its_laws() -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from hydro_ident.mismatch.answer.diagnosis import _doubtful, _hardly_better, diagnose
 from hydro_ident.mismatch.answer.outcome import ChannelResult
-from hydro_ident.mismatch.fitting.stepping import given_steps, is_free
+from hydro_ident.mismatch.fitting.stepping import is_free, limits_of
 from hydro_ident.mismatch.fitting.training import start_model
 from hydro_ident.mismatch.naming.name import Searcher
 from hydro_ident.mismatch.split.held_out import rms
@@ -108,14 +108,10 @@ def test_a_crane_in_a_plane_tilts_in_that_plane() -> None:
 def test_a_delay_goes_to_the_end_of_its_range_and_no_further(laid_crane: Residuals) -> None:
     work = laid_crane
     model, columns = work.base.model, work.training.predictor.delay_columns
-    cycle, step = work.training.cycle_s, np.zeros(work.base.columns.shape[1])
-    assert given_steps(work.training, model, step) == {}
-    now = model.delays_s[0]
-    step[columns[0]], step[columns[1]] = 0.3 * cycle - now, 3.0 * cycle
-    beyond = given_steps(work.training, model, step)
-    assert beyond == {columns[1]: pytest.approx(1.25 * cycle - model.delays_s[1])}
-    step[columns[0]] = -2.0 * cycle
-    assert given_steps(work.training, model, step)[columns[0]] == pytest.approx(-now)
+    limits, cycle = limits_of(work.training, model), work.training.cycle_s
+    for index, at in columns.items():
+        assert limits.lower[at] == pytest.approx(-model.delays_s[index])
+        assert limits.upper[at] == pytest.approx(1.25 * cycle - model.delays_s[index])
 
 
 @pytest.mark.thorough

@@ -16,6 +16,7 @@ from scipy.linalg import solve_triangular
 
 from hydro_ident.estimate.scoring.scores import in_turns
 from hydro_ident.estimate.statistics.rows import BoolArray
+from hydro_ident.mismatch.fitting.limits import Limits, solved_within
 from hydro_ident.mismatch.fitting.tall import factored
 from hydro_ident.mismatch.fitting.whitening import IndexArray, Layout, Noise
 from hydro_ident.mismatch.fitting.whitening_kernels import add_blocks, whiten
@@ -147,7 +148,7 @@ class Bench:
         """Directions that the base fits."""
         return int(self.basis.shape[1])
 
-    def solve(self, reach: FloatArray | None = None) -> FloatArray:
+    def solve(self, reach: FloatArray | None = None, limits: Limits | None = None) -> FloatArray:
         """Least-squares coefficients of the columns; zero where others say the same.
 
         Parameters
@@ -155,16 +156,32 @@ class Bench:
         reach : (p,) array, optional
             Coefficients that cost as much as a deviation of the noise, infinite where they cost
             nothing: what the rows tell stays as it is, and what they do not tell stays small.
+        limits : Limits, optional
+            Between which coefficients lie: the others follow how far those at a limit really go.
         """
-        theta, wanted = np.zeros(self.scale.size), self.basis.T @ self._y
-        if reach is None:
-            theta[self._pivot] = np.linalg.solve(self._r, wanted)
-        else:
+        theta, rows, wanted = np.zeros(self.scale.size), self._r, self.basis.T @ self._y
+        if reach is not None:
             cost = np.diag(1.0 / (reach * self.scale)[self._pivot])
-            rows = np.concatenate([self._r, cost])
+            rows = np.concatenate([rows, cost])
             wanted = np.concatenate([wanted, np.zeros(self.rank)])
+        if limits is None:
             theta[self._pivot] = np.linalg.lstsq(rows, wanted, rcond=None)[0]
+        else:
+            ends = [(end * self.scale)[self._pivot] for end in (limits.lower, limits.upper)]
+            theta[self._pivot] = solved_within(rows, wanted, Limits(*ends))
         return np.asarray(theta / self.scale)
+
+    def taken_out(self, theta: FloatArray) -> float:
+        """What coefficients of the columns take out of the sum of squares.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            As `solve` returns them.
+        """
+        wanted = self.basis.T @ self._y
+        left = wanted - self._r @ (theta * self.scale)[self._pivot]
+        return float(wanted @ wanted - left @ left)
 
     def refit(self, column: FloatArray) -> FloatArray:
         """Coefficients of the columns that come closest to another column (N,)."""

@@ -6,13 +6,15 @@ import numpy as np
 
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted, fitted_at, reweighed
 from hydro_ident.mismatch.fitting.handover import handed_over
+from hydro_ident.mismatch.fitting.limits import Limits
 from hydro_ident.mismatch.fitting.slopes import Start, slopes_of, start_at
 from hydro_ident.mismatch.fitting.stepping import (
-    given_steps,
     is_free,
+    limits_of,
     longest_delay,
     moved,
     stepped,
+    term_limits,
 )
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.fitting.whitening import Noise
@@ -76,13 +78,14 @@ def _further(training: Training, current: Fitted, held: int) -> tuple[Start | No
     held : int
         Where among the shares to begin: with what the last step was held to.
     """
-    promised = current.start_squares - current.squares
+    share = _promised(training, current)
+    promised = share * current.squares
     best, most, at = None, -np.inf, held
     for k in range(held, len(_SHARES)):
         start, gain = _better(training, current, _SHARES[k])
         if start is not None and gain > most:
             best, most, at = start, gain, k
-        if _promised(current) <= _STUCK or most >= _POOR * promised:
+        if share <= _STUCK or most >= _POOR * promised:
             break
     if best is None and held:
         return _further(training, current, 0)
@@ -112,9 +115,10 @@ def _better(training: Training, current: Fitted, share: float) -> tuple[Start | 
     return None, 0.0
 
 
-def _promised(one: Fitted) -> float:
-    """What a last linear step would take out, as a share of what it would leave."""
-    return (one.start_squares - one.squares) / max(one.squares, 1.0)
+def _promised(training: Training, one: Fitted) -> float:
+    """What a linear step within limits would take out, as a share of what is left."""
+    step = _within_range(training, one)
+    return one.bench.taken_out(step) / max(one.squares, 1.0)
 
 
 def _owned(training: Training, model: Model) -> Model:
@@ -140,7 +144,7 @@ def settled(training: Training, current: Fitted) -> Fitted:
     Fitted
     """
     for _ in range(_LONGEST):
-        if _promised(current) <= _PROMISED:
+        if _promised(training, current) <= _PROMISED:
             break
         fresh = fit(training, current.model, passes=1)
         if fresh.model is current.model:
@@ -170,8 +174,11 @@ def fit_term(
     """
     current = _with_term(training, without, term, noise)
     for _ in range(passes):
-        step, factor, better = current.bench.solve(reach_of(current)), 1.0, False
-        step = step[without.columns.shape[1] :]
+        own = term_limits(current.model.terms[-1])
+        free = np.full(without.columns.shape[1], np.inf)
+        limits = Limits(np.append(-free, own.lower), np.append(free, own.upper))
+        step, factor, better = current.bench.solve(reach_of(current), limits), 1.0, False
+        step = step[free.size :]
         for _ in range(_HALVINGS):
             moved = stepped(current.model.terms[-1], factor * step)
             fresh = _with_term(training, without, moved, noise)
@@ -188,23 +195,12 @@ def fit_term(
 
 
 def _within_range(training: Training, current: Fitted, share: float = 1.0) -> FloatArray:
-    """A linear step; of a delay that would leave its range no further than to the end of that.
+    """A linear step of numbers that go no further than they may.
 
-    What else goes with a delay or a skew follows how far it really goes.
+    What else goes with one that is at its limit follows how far that really goes.
     """
-    reach = share * reach_of(current)
-    step = current.bench.solve(reach)
-    given = given_steps(training, current.model, step)
-    if not given:
-        return step
-    columns, residual = current.columns.copy(), current.residual.copy()
-    for at, change in given.items():
-        residual -= change * columns[:, at]
-        columns[:, at] = 0.0
-    step = training.bench(current.bench.noise, residual, columns, current.offset).solve(reach)
-    for at, change in given.items():
-        step[at] = change
-    return step
+    limits = limits_of(training, current.model)
+    return current.bench.solve(share * reach_of(current), limits)
 
 
 def reach_of(one: Fitted) -> FloatArray:

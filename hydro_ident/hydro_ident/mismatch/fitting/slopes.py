@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.mismatch.fitting.stepping import is_free
+from hydro_ident.mismatch.fitting.stepping import is_free, with_values
 from hydro_ident.mismatch.rows.contributions import said_twice
 from hydro_ident.mismatch.rows.flow_laws import looks_at_valve
 from hydro_ident.mismatch.rows.modelled import Model, on_signals, shapes
@@ -77,7 +78,7 @@ def slopes_at(predictor: Predictor, start: Start) -> tuple[FloatArray, tuple[str
         Slopes of the prediction: base parameters, then every effect's.
     names : tuple of str
     """
-    columns, names = [_with_delays(predictor, start)], list(predictor.names)
+    columns, names = [_with_laws(predictor, start)], list(predictor.names)
     for term, own in zip(start.model.terms, start.own, strict=True):
         slopes, own_names = slopes_of(predictor, start.model, term, own)
         columns += slopes
@@ -85,21 +86,41 @@ def slopes_at(predictor: Predictor, start: Start) -> tuple[FloatArray, tuple[str
     return np.concatenate(columns, axis=1), tuple(names)
 
 
-def _with_delays(predictor: Predictor, start: Start) -> FloatArray:
-    """Base columns, those of delays with what comes as late by laws that look at the valve."""
+def _with_laws(predictor: Predictor, start: Start) -> FloatArray:
+    """Base columns, those of delays and edges with what laws of the valve make of them."""
     model, base = start.model, start.base
     for term, own in zip(model.terms, start.own, strict=True):
         if own is None or not looks_at_valve(term):
             continue
         base = base.copy() if base is start.base else base
-        for index, at in predictor.delay_columns.items():
-            if term.cylinder in (None, index):
-                step_s = _LATER * predictor.material.stretches[0].trace.step_s
-                delays = list(model.delays_s)
-                delays[index] += step_s
-                later = predictor.contribution(replace(model, delays_s=tuple(delays)), term)
-                base[:, at] += (later - own) / step_s
+        for at, step, moved in _moved_valves(predictor, model, term):
+            base[:, at] += (predictor.contribution(moved, term) - own) / step
     return base
+
+
+def _moved_valves(
+    predictor: Predictor, model: Model, term: ActiveEffect
+) -> Iterator[tuple[int, float, Model]]:
+    """Columns of the valves that a law looks at, a step of each, and the model after it."""
+    for index, at in predictor.delay_columns.items():
+        if term.cylinder in (None, index):
+            step_s = _LATER * predictor.material.stretches[0].trace.step_s
+            delays = list(model.delays_s)
+            delays[index] += step_s
+            yield at, step_s, replace(model, delays_s=tuple(delays))
+    names = [cylinder.name for cylinder in model.robot.cylinders]
+    for valve in model.robot.valves:
+        if term.cylinder not in (None, names.index(valve.cylinder)):
+            continue
+        for edge in ("c_pa", "c_at", "c_pb", "c_bt"):
+            name, value = f"{valve.name}.{edge}", float(getattr(valve, edge))
+            if name in predictor.names:
+                step = _STEP * value
+                yield (
+                    predictor.names.index(name),
+                    step,
+                    replace(model, robot=with_values(model.robot, {name: value + step})),
+                )
 
 
 def linearised(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from hydro_ident.estimate.flows.chambers import INVERSE_BULK
+from hydro_ident.mismatch.fitting.limits import Limits
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.rows.base_columns import DELAY
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
@@ -100,20 +100,13 @@ def _delays(training: Training, model: Model, step: FloatArray) -> tuple[float, 
 
 
 def stepped(term: ActiveEffect, step: FloatArray) -> ActiveEffect:
-    """A term after a step of its free parameters, within bounds; shapes move by factors.
-
-    What can be 0, such as a null bias, has either sign: factors would hold it to its first one.
-    """
-    parameters, changes = term.parameters.copy(), iter(step)
+    """A term after a step of its free parameters, as far as that may go (`term_limits`)."""
+    parameters, limits = term.parameters.copy(), term_limits(term)
+    changes = iter(np.clip(step, limits.lower, limits.upper))
     for i, spec in enumerate(term.effect.parameters):
-        if not is_free(term, i):
-            continue
-        change = float(next(changes))
-        signed = spec.lower < 0.0 < spec.upper
-        if not spec.linear and not signed and parameters[i] != 0.0:
-            limit = abs(parameters[i]) * (_FACTOR - 1.0) / _FACTOR
-            change = math.copysign(min(abs(change), limit), change)
-        parameters[i] = min(max(parameters[i] + change, spec.lower), spec.upper)
+        if is_free(term, i):
+            value = float(parameters[i] + next(changes))
+            parameters[i] = min(max(value, spec.lower), spec.upper)
     return replace(term, parameters=parameters)
 
 
@@ -151,27 +144,47 @@ def with_edges(valve: Valve, values: Mapping[str, float]) -> Valve:
     return replace(valve, c_pa=c_pa, c_at=c_at, c_pb=c_pb, c_bt=c_bt)
 
 
-def given_steps(training: Training, model: Model, step: FloatArray) -> dict[int, float]:
-    """Columns whose step is not free, and that step.
+def limits_of(training: Training, model: Model) -> Limits:
+    """How far a step may go in every column, either way.
 
-    Delays and skews go no further than their range, viscous friction no further than to none.
+    Delays and skews go no further than their range, viscous friction no further than to none, an
+    effect's numbers as `term_limits`.
     """
-    result = dict[int, float]()
-    for index, at in training.predictor.delay_columns.items():
-        now, longest = model.delays_s[index], longest_delay(training, index)
-        fresh = now + float(step[at])
-        if not 0.0 <= fresh <= longest:
-            result[at] = min(max(fresh, 0.0), longest) - now
-    values = training.predictor.parameters(model)
+    predictor = training.predictor
+    now = predictor.parameters(model)
+    lower, upper = np.full(now.size, -np.inf), np.full(now.size, np.inf)
+    for index, at in predictor.delay_columns.items():
+        lower[at] = -model.delays_s[index]
+        upper[at] = max(longest_delay(training, index) - model.delays_s[index], lower[at])
     for at in _viscous(training):
-        if values[at] + float(step[at]) < 0.0:
-            result[at] = -max(float(values[at]), 0.0)
-    for reading, at in training.predictor.skew_columns.items():
-        now, most = float(values[at]), largest_skew(reading, training.cycle_s)
-        fresh = now + float(step[at])
-        if abs(fresh) > most:
-            result[at] = min(max(fresh, -most), most) - now
-    return result
+        lower[at] = -max(float(now[at]), 0.0)
+    largest = dict.fromkeys(predictor.ripple_columns.values(), largest_ripple(training.cycle_s))
+    for reading, at in predictor.skew_columns.items():
+        largest[at] = largest_skew(reading, training.cycle_s)
+    for at, most in largest.items():
+        lower[at], upper[at] = min(-most - now[at], 0.0), max(most - now[at], 0.0)
+    parts = [term_limits(term) for term in model.terms]
+    return Limits(
+        np.concatenate([lower, *(part.lower for part in parts)]),
+        np.concatenate([upper, *(part.upper for part in parts)]),
+    )
+
+
+def term_limits(term: ActiveEffect) -> Limits:
+    """How far a step of an effect's free parameters may go: within bounds, shapes by factors.
+
+    What can be 0, such as a null bias, has either sign: factors would hold it to its first one.
+    """
+    ends = list[tuple[float, float]]()
+    for i, spec in enumerate(term.effect.parameters):
+        if is_free(term, i):
+            value = float(term.parameters[i])
+            most = np.inf
+            if not spec.linear and value != 0.0 and not spec.lower < 0.0 < spec.upper:
+                most = abs(value) * (_FACTOR - 1.0) / _FACTOR
+            ends.append((max(spec.lower - value, -most), min(spec.upper - value, most)))
+    lower, upper = np.array(ends).reshape(-1, 2).T
+    return Limits(np.minimum(lower, 0.0), np.maximum(upper, 0.0))
 
 
 def said_columns(training: Training, model: Model) -> list[int]:
