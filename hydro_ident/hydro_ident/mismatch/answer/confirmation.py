@@ -86,12 +86,11 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
     if work.scan is not work.training:
         model = replace(work.base.model, terms=search.fitted.model.terms)
         whole = fit(work.training, model, passes=4)
-    rejected: list[Finding] = []
+    rejected, due = list[Finding](), named
     while named:
         whole = from_one_delay(work.training, settled(work.training, whole))
         there = fitted_there(work.training, work.check, whole)
-        found = [_checked(work, whole, there, n, len(search.scanned)) for n in named]
-        failed = [f for f in found if not f.verification.stands]
+        found, failed = _all_checked(work, whole, there, named, due, len(search.scanned))
         failed = failed or cancelled(work, whole, found) or made_worse(work, whole, found)
         if not failed:
             return whole, found, rejected
@@ -102,9 +101,30 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
         named = [n for n in named if not any(n is f.named for f in worst)]
         others = _instead(worst, named)
         named += others
+        due = [f.named for f in failed if f not in worst] + others
         terms = [other.term for other in others]
         whole = without_these(work, whole, [f.named for f in worst], terms)
     return whole, [], rejected
+
+
+def _all_checked(
+    work: Residuals,
+    whole: Fitted,
+    there: Fitted | None,
+    named: Sequence[Named],
+    due: Sequence[Named],
+    tried: int,
+) -> tuple[list[Finding], list[Finding]]:
+    """All that was named, checked, and what does not stand of it.
+
+    What failed before is checked first: where it fails again the others can wait.
+    """
+    found = {n: _checked(work, whole, there, n, tried) for n in due}
+    failed = [f for f in found.values() if not f.verification.stands]
+    if failed:
+        return [], failed
+    found |= {n: _checked(work, whole, there, n, tried) for n in named if n not in found}
+    return [found[n] for n in named], [f for f in found.values() if not f.verification.stands]
 
 
 def _instead(refused: Sequence[Finding], kept: Sequence[Named]) -> list[Named]:

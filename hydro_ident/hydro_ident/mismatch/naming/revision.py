@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hydro_ident.mismatch.fitting.bench import Bench
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.naming.contenders import CLOSE_SHARE
@@ -14,8 +15,12 @@ from hydro_ident.mismatch.naming.contest import Contest
 from hydro_ident.mismatch.naming.named import Named, named_of
 from hydro_ident.mismatch.rows.modelled import same
 from hydro_ident.mismatch.trials.exclusion import rival
+from hydro_model.effects.targets import ActiveEffect
 
 _ROUNDS = 3
+#: Share (of squares) of what a finding alone explained from which what was found since leaves it
+#: alone, and factor by which its own size may have changed.
+_KEPT, _SIZE = 0.5, 2.0
 
 
 class Revision:
@@ -48,6 +53,8 @@ class Revision:
         for _ in range(_ROUNDS):
             changed = set[int]()
             for one in due:
+                if self._stands(one, named, current):
+                    continue
                 without, fresh = self.again(one, current)
                 if fresh is None or not fresh.pays:
                     changed |= reach[one]
@@ -78,10 +85,7 @@ class Revision:
         others = tuple(t for t in current.model.terms if not same(t, one.term))
         rest, noise = replace(current.model, terms=others), current.bench.noise
         without = fit(self._training, rest, noise, passes=2)
-        least = CLOSE_SHARE * max(c.gain for c in one.tried)
-        # Its own, whatever another gained on the rows that it was fitted to.
-        near = [c.term for c in one.tried if c.gain >= least or same(c.term, one.term)]
-        terms = [t for t in near if not any(rival(t, other) for other in others)]
+        terms = [t for t in _near(one) if not any(rival(t, other) for other in others)]
         if not terms:
             return without, None
         few = self._contest.few.of([one.term])
@@ -99,9 +103,50 @@ class Revision:
             fresh = fresh.beside(odds)
         return without, fresh
 
+    def _stands(self, one: Named, named: Sequence[Named], current: Fitted) -> bool:
+        """Whether what was found since has left a finding with one name as it was.
+
+        It acts about as much as when it was found, and little of what it does beyond the base and
+        what was found before could be done by the others as well.
+        """
+        if len(_near(one)) > 1 or one.alike:
+            return False
+        predictor, mask = self._training.predictor, self._training.mask
+        model = current.model
+        own = [t for t in model.terms if same(t, one.term)]
+        then, now = (
+            sum((predictor.contribution(model, t)[mask] for t in terms), np.zeros(int(mask.sum())))
+            for terms in ([one.modelled.term], own)
+        )
+        ratio = float(np.linalg.norm(now)) / max(float(np.linalg.norm(then)), 1e-300)
+        if not 1.0 / _SIZE <= ratio <= _SIZE:
+            return False
+        later = [n.modelled.term for n in named[named.index(one) + 1 :]]
+        alone, beside = (
+            float(np.sum(self._bench_without(current, terms).beyond(now[:, None]) ** 2))
+            for terms in ([*own, *later], own)
+        )
+        return beside >= _KEPT * alone
+
+    def _bench_without(self, current: Fitted, terms: Sequence[ActiveEffect]) -> Bench:
+        """Rows of a fit whose columns are those of all but some of its effects."""
+        prefix = tuple(f"{t.target}.{t.effect.name}." for t in terms)
+        columns = current.columns.copy()
+        columns[:, [k for k, n in enumerate(current.names) if n.startswith(prefix)]] = 0.0
+        return self._training.bench(current.bench.noise, current.residual, columns, current.offset)
+
     def _reach(self, current: Fitted, one: Named) -> frozenset[int]:
         """Channels in which a finding does anything."""
         values = self._training.predictor.contribution(current.model, one.term)
         acting = self._training.mask & (values != 0.0)
         channels = self._training.predictor.material.channel[acting]
         return frozenset(np.unique(channels).tolist())
+
+
+def _near(one: Named) -> list[ActiveEffect]:
+    """What was tried and gained about as much as the best, and the finding's own effect.
+
+    Its own, whatever another gained on the rows that it was fitted to.
+    """
+    least = CLOSE_SHARE * max(c.gain for c in one.tried)
+    return [c.term for c in one.tried if c.gain >= least or same(c.term, one.term)]
