@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -108,7 +108,7 @@ class Estimation:
         ]
         self.notes += unfitted_notes(self.plan, gathered, surveys)
         plain = solve_ols if first.name == "ols" else solve_wls
-        hydraulic, gathered = self._flows(gathered, plain)
+        hydraulic, gathered = self._flows(gathered, solve_ols if plain is solve_ols else solve_iv)
         if first.name == "robust":
             inertial, hydraulic = self._robust(gathered)
             return self._estimates(inertial, hydraulic, first)
@@ -167,7 +167,7 @@ class Estimation:
             before = solution
             solution, force_weights = self._force_weights(gathered, force_weights, number)
             flows = [g.flows for g in gathered]
-            found = fit_delay(self.plan.robot, flows, _robust_solve(number))
+            found = fit_delay(self.plan.robot, flows, _robust_solve(number, solve_iv))
             for name, one in (found.chambers if found is not None else {}).items():
                 old = _residuals(flow_weights.get(name), [f.weights for f in flows], name)
                 weights = weights_of(one.solution, one.blocks, old, number)
@@ -180,8 +180,8 @@ class Estimation:
             gathered = self._gather(
                 replace(self.plan, force_weights=force_weights, flow_weights=gathered_weights)
             )
-        solve = _robust_solve(number)
-        return self._forces(gathered, solve), self._hydraulics(gathered, solve)
+        hydraulic = self._hydraulics(gathered, _robust_solve(number, solve_iv))
+        return self._forces(gathered, _robust_solve(number)), hydraulic
 
     def _force_weights(
         self, gathered: Sequence[Gathered], before: Weights | None, number: int
@@ -210,9 +210,9 @@ def _residuals(
     return replace(before, residuals=merged)
 
 
-def _robust_solve(number: int) -> Solve:
+def _robust_solve(number: int, solve: Callable[..., Solution] = solve_wls) -> Solve:
     """The solver of a robust pass: the first has no weights by residuals yet."""
-    return partial(solve_wls, excess=EXCESS if number else 0.0)
+    return partial(solve, excess=EXCESS if number else 0.0)
 
 
 def cleaned_notes(cleaned: Mapping[str, Mapping[str, int]]) -> list[str]:

@@ -62,11 +62,13 @@ _Driven = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 @lru_cache(maxsize=8)
-def _driven(name: str, seconds: float, encoder_rad: float, seed: int) -> _Driven:
-    return _closed_loop(load_robot(name), seconds, encoder_rad, seed)
+def _driven(name: str, seconds: float, encoder_rad: float, seed: int, pace: float) -> _Driven:
+    return _closed_loop(load_robot(name), seconds, encoder_rad, seed, pace)
 
 
-def _closed_loop(robot: Robot, seconds: float, encoder_rad: float, seed: int) -> _Driven:
+def _closed_loop(
+    robot: Robot, seconds: float, encoder_rad: float, seed: int, pace: float
+) -> _Driven:
     rng = np.random.default_rng(seed)
     time = np.arange(round(seconds / STEP_S) + 1) * STEP_S
     jitter = encoder_rad * rng.normal(size=(time.size, robot.dof))
@@ -75,7 +77,7 @@ def _closed_loop(robot: Robot, seconds: float, encoder_rad: float, seed: int) ->
     kept: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for k in range(0, time.size - 1, _HOLD):
         piece = slice(k, min(k + _HOLD + 1, time.size))
-        ahead, later = references(time[k] + np.array([0.02, 0.021]))
+        ahead, later = references(pace * (time[k] + np.array([0.02, 0.021])))
         seen = q + jitter[k]
         for i, cylinder in enumerate(robot.cylinders):
             speed = (later[i] - ahead[i]) / 0.001 + _GAIN * (ahead[i] - seen[i])
@@ -91,7 +93,11 @@ def _closed_loop(robot: Robot, seconds: float, encoder_rad: float, seed: int) ->
 
 
 def synthetic_recording(
-    robot: Robot, seconds: float, seed: int = 0, noise: Noise | None = None
+    robot: Robot,
+    seconds: float,
+    seed: int = 0,
+    noise: Noise | None = None,
+    pace: float = 1.0,
 ) -> Recording:
     """A recording of the model in closed loop.
 
@@ -104,6 +110,8 @@ def synthetic_recording(
     seed : int
         Of the noise.
     noise : Noise, optional
+    pace : float
+        Of the references.
 
     Returns
     -------
@@ -114,9 +122,9 @@ def synthetic_recording(
 
     noise, rng = noise or Noise(), np.random.default_rng(seed + 1000)
     q, p_a, p_b, voltage, jitter = (
-        _closed_loop(robot, seconds, noise.encoder_rad, seed)
+        _closed_loop(robot, seconds, noise.encoder_rad, seed, pace)
         if robot.effects
-        else _driven(robot.name, seconds, noise.encoder_rad, seed)
+        else _driven(robot.name, seconds, noise.encoder_rad, seed, pace)
     )
     count, cylinders = p_a.shape
     white = rng.normal(size=(count + 1000, cylinders)) * np.sqrt(1.0 - noise.phi**2)
@@ -143,7 +151,7 @@ def synthetic_recording(
         command_v=voltage.copy(),
         spool=None,
         latched=np.zeros(count, dtype=bool),
-        q_ref=references(np.arange(count) * STEP_S),
+        q_ref=references(pace * np.arange(count) * STEP_S),
         qd_ref=None,
         force_ref=None,
         tip_ref=None,

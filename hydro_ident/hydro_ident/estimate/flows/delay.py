@@ -9,14 +9,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.estimate.flows.chambers import chambers_of, column_names
-from hydro_ident.estimate.flows.flow_moments import ChamberMoments, FlowGatherer, combination
+from hydro_ident.estimate.flows.flow_moments import (
+    ChamberMoments,
+    FlowGatherer,
+    combination,
+    instruments,
+)
 from hydro_ident.estimate.statistics.blocks import Blocks, blocks_of
 from hydro_ident.estimate.statistics.least_squares import Fit, fit_of_solution
 from hydro_ident.estimate.statistics.regression import (
     Solution,
+    instrumental_parameters,
     misfit,
-    plain_parameters,
-    solve_wls,
+    solve_iv,
 )
 from hydro_model.robot import FloatArray, Robot
 
@@ -86,8 +91,11 @@ class _Chamber:
         return [combination(delay_s / p.step_s, extras, p.windows) for p in self.parts]
 
     def blocks(self, delay_s: float) -> Blocks:
-        combines = [combine for combine, _ in self.combines(delay_s)]
-        return blocks_of([p.moments for p in self.parts], combines)
+        return self._blocks([combine for combine, _ in self.combines(delay_s)])
+
+    def _blocks(self, combines: Sequence[FloatArray]) -> Blocks:
+        calm = [instruments(combine, len(self.names) - 3) for combine in combines]
+        return blocks_of([p.moments for p in self.parts], combines, calm)
 
     def with_slope(self, delay_s: float, theta: FloatArray) -> Blocks:
         """With the balance's slope in the delay as one more column, per sampling interval."""
@@ -96,13 +104,13 @@ class _Chamber:
             np.column_stack([combine, slope @ theta * (step_s / part.step_s)])
             for part, (combine, slope) in zip(self.parts, self.combines(delay_s), strict=True)
         ]
-        return blocks_of([p.moments for p in self.parts], combines)
+        return self._blocks(combines)
 
 
 def fit_delay(
     robot: Robot,
     gathered: Sequence[FlowGatherer],
-    solve: Solve = solve_wls,
+    solve: Solve = solve_iv,
 ) -> DelayFit | None:
     """Fit the delay in [0, longest] together with every chamber's parameters.
 
@@ -152,8 +160,8 @@ def _settled_delay(
     for _ in range(_STEPS):
         move = 0.0
         for name, chamber in chambers.items():
-            theta = plain_parameters(chamber.blocks(delay_s), weights[name])
-            both = plain_parameters(chamber.with_slope(delay_s, theta), weights[name])
+            theta = instrumental_parameters(chamber.blocks(delay_s), weights[name])
+            both = instrumental_parameters(chamber.with_slope(delay_s, theta), weights[name])
             move += float(both[-1]) * chamber.parts[0].step_s * information[name] / total
         moved = min(max(delay_s + move, 0.0), longest_s)
         settled = abs(moved - delay_s) <= _SETTLED * step_s
@@ -220,7 +228,7 @@ def _delay_step(chamber: _Chamber, delay_s: float, solve: Solve) -> _Step:
     carried = replace(known, y=slope.x[..., -1], own_y=own_slope)
     return _Step(
         plain,
-        plain_parameters(carried, plain.weight) / unit,
+        instrumental_parameters(carried, plain.weight) / unit,
         variance if variance > 0.0 else math.inf,
         float(both.dof[-1]),
         both.covariance * np.outer(scale, scale),

@@ -3,14 +3,15 @@
 The flow columns of `hydro_ident.estimate.flows.chambers` are smooth in the delay between two
 samples: gathered at a few delays per sampling interval, they are interpolated at any other to far
 below the transducers' noise, with their slope. Fitting the delay needs no further look at the
-rows.
+rows. Beside what is taken of a pressure's differences stands the same of its neighbours in time,
+as an instrument: readings hold their noise at a window's two ends.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from hydro_ident.estimate.flows.chambers import (
     edge_integrals,
     window_rows,
 )
+from hydro_ident.estimate.signals.neighbours import neighbour_mean
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.moments import Moments
 from hydro_ident.estimate.statistics.robust import Weights
@@ -78,6 +80,8 @@ def combination(
 ) -> tuple[FloatArray, FloatArray]:
     """Columns of `chambers.column_names` from the gathered ones, and their slopes in the delay.
 
+    `instruments` are the same with the columns of the neighbours' pressures.
+
     Parameters
     ----------
     cycles : float
@@ -88,46 +92,77 @@ def combination(
 
     Returns
     -------
-    combine, slope : (1 + 2 nodes + extras, 3 + extras) array
+    combine, slope : (2 (1 + extras) + 2 nodes, 3 + extras) array
     """
     weights, slopes = delay_weights(cycles, windows)
     count = weights.size
-    combine = np.zeros((1 + 2 * count + extras, 3 + extras))
+    combine = np.zeros((2 * (1 + extras) + 2 * count, 3 + extras))
     slope = np.zeros_like(combine)
+    begin = 2 * (1 + extras)
     for column in (1, 2):
-        rows = slice(1 + (column - 1) * count, 1 + column * count)
+        rows = slice(begin + (column - 1) * count, begin + column * count)
         combine[rows, column], slope[rows, column] = weights, slopes
     combine[0, 0] = 1.0
-    combine[1 + 2 * count :, 3:] = np.eye(extras)
+    combine[1 : 1 + extras, 3:] = np.eye(extras)
     return combine, slope
 
 
+def instruments(combine: FloatArray, extras: int) -> FloatArray:
+    """The instruments from the gathered columns: those of the pressures' neighbours.
+
+    Parameters
+    ----------
+    combine : (w, p) array
+        Of the columns, `combination`.
+    extras : int
+
+    Returns
+    -------
+    (w, p) array
+        Edges, in which noise stands under a root and is summed up, are their own.
+    """
+    own, calm = slice(0, 1 + extras), slice(1 + extras, 2 * (1 + extras))
+    result = combine.copy()
+    result[calm], result[own] = combine[own], 0.0
+    return result
+
+
 def gathered_rows(
-    chamber: Chamber, trace: Trace, windows: WindowSettings, extra: FloatArray | None = None
+    chamber: Chamber,
+    trace: Trace,
+    windows: WindowSettings,
+    extra: tuple[FloatArray, FloatArray] | None = None,
 ) -> Rows:
     """Rows of a chamber's balance with its flow columns at every gathered delay.
+
+    A difference of two readings over a window holds their noise, which makes oil look stiffer
+    than it is. The same difference of the readings' neighbours does not hold it: an instrument.
 
     Parameters
     ----------
     chamber : Chamber
     trace : Trace
     windows : WindowSettings
-    extra : (N - 1, e) array, optional
-        As for `chambers.chamber_rows`.
+    extra : pair of (N - 1, e) array, optional
+        As for `chambers.chamber_rows`, and the same of the pressures' neighbours.
 
     Returns
     -------
     Rows
-        One channel; columns: compressed volume, one edge at every delay, the other, extra.
+        One channel; columns: compressed volume, extra, both of the neighbours' pressures, one
+        edge at every delay, the other.
     """
     side = 0 if chamber.side == "a" else 1
     volume = chamber_volumes(chamber.cylinder, trace.stroke[:, chamber.index])[side]
     pressure = (trace.p_a if chamber.side == "a" else trace.p_b)[:, chamber.index]
-    compressed = 0.5 * (volume[1:] + volume[:-1]) * np.diff(pressure)
+    middle = 0.5 * (volume[1:] + volume[:-1])
     edges = [edge_integrals(chamber, trace, d * trace.step_s) for d in delay_nodes(windows)]
-    columns = [-compressed, *(opening for opening, _ in edges), *(closing for _, closing in edges)]
-    if extra is not None:
-        columns += list(extra.T)
+    columns = []
+    for readings, more in zip(
+        (pressure, neighbour_mean(pressure, trace.step_s)), extra or (None, None), strict=True
+    ):
+        columns += [-middle * np.diff(readings), *(() if more is None else more.T)]
+    columns += [opening for opening, _ in edges] + [closing for _, closing in edges]
     steps = np.stack([np.diff(volume), *columns], axis=1)
     return window_rows(steps, trace, trace.valve_signal[:, chamber.index], windows)
 
@@ -205,5 +240,14 @@ class FlowGatherer:
         self, chamber: Chamber, trace: Trace, windows: WindowSettings
     ) -> tuple[tuple[str, ...], Rows]:
         listed, columns = self.extra(chamber, trace) if self.extra else ((), None)
-        rows = gathered_rows(chamber, trace, windows, columns)
+        both = None
+        if self.extra and columns is not None and listed:
+            both = columns, self.extra(chamber, _calm(trace))[1]
+        rows = gathered_rows(chamber, trace, windows, both)
         return listed, rows if self.select is None else self.select(rows)
+
+
+def _calm(trace: Trace) -> Trace:
+    """The trace with its chambers' pressures by their neighbours."""
+    p_a, p_b = (neighbour_mean(p, trace.step_s) for p in (trace.p_a, trace.p_b))
+    return replace(trace, p_a=p_a, p_b=p_b)

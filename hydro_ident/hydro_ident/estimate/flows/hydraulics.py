@@ -11,7 +11,7 @@ from hydro_ident.estimate.flows.cylinder_fit import CylinderFit, combined
 from hydro_ident.estimate.flows.delay import Solve, fit_delay
 from hydro_ident.estimate.flows.flow_moments import ExtraColumns, FlowGatherer, Select
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_ident.estimate.statistics.regression import solve_wls
+from hydro_ident.estimate.statistics.regression import solve_iv
 from hydro_model.robot import Robot
 
 
@@ -80,7 +80,7 @@ def hydraulic_fit(
     robot: Robot,
     gathered: Sequence[FlowGatherer],
     windows: WindowSettings,
-    solve: Solve = solve_wls,
+    solve: Solve = solve_iv,
 ) -> HydraulicFit | None:
     """Fit chambers and delay to what was gathered of every recording.
 

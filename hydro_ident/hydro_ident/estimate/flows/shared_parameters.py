@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hydro_ident.estimate.flows.delay import FittedChamber
-from hydro_ident.estimate.statistics.regression import plain_parameters
+from hydro_ident.estimate.statistics.regression import instrumental_parameters
 from hydro_model.robot import FloatArray
 
 
@@ -88,7 +88,7 @@ def _follows(one: FittedChamber, held: Sequence[str], rest: Sequence[int]) -> Fl
         shift = np.zeros(len(one.names))
         shift[at] = size = abs(one.fit.theta[at]) or 1.0
         moved, still = (
-            plain_parameters(one.blocks.held(free, values), weight)
+            instrumental_parameters(one.blocks.held(free, values), weight)
             for values in (shift, np.zeros_like(shift))
         )
         result[:, column] = (moved - still) / size

@@ -22,7 +22,7 @@ class Blocks:
         Regressors by group (recording and channel), row of the factor, and lag.
     y : (G, m, L) array
     z : (G, m, L, p) array or None
-        Instruments.
+        Instruments: as gathered, or combined of the regressors that were.
     channel : (G,) int array
     count : (G,) array
         Rows behind each group.
@@ -41,6 +41,8 @@ class Blocks:
     own_x : (G, r, p) array or None
         Regressors under robust weights, from which the parameters come.
     own_y : (G, r) array or None
+    own_z : (G, r, p) array or None
+        Instruments under robust weights.
     """
 
     x: FloatArray
@@ -56,6 +58,7 @@ class Blocks:
     columns: NDArray[np.intp] | None = None
     own_x: FloatArray | None = None
     own_y: FloatArray | None = None
+    own_z: FloatArray | None = None
 
     @property
     def channels(self) -> int:
@@ -68,6 +71,13 @@ class Blocks:
         if self.own_x is None or self.own_y is None:
             return self.x[:, :, 0], self.y[:, :, 0]
         return self.own_x, self.own_y
+
+    @property
+    def instruments(self) -> FloatArray | None:
+        """Instruments (G, r, p) in the rows that the parameters come from."""
+        if self.own_x is None:
+            return None if self.z is None else self.z[:, :, 0]
+        return self.own_z
 
     def held(self, free: NDArray[np.intp], shift: FloatArray) -> Blocks:
         """The free columns alone, what values (p,) of the others give taken off y.
@@ -83,12 +93,14 @@ class Blocks:
         if self.own_x is None or self.own_y is None:
             return part
         own_x, own_y = self.own_x[..., free], self.own_y - self.own_x @ shift
-        return replace(part, own_x=own_x, own_y=own_y)
+        own_z = None if self.own_z is None else self.own_z[..., free]
+        return replace(part, own_x=own_x, own_y=own_y, own_z=own_z)
 
 
 def blocks_of(
     moments: Sequence[Moments],
     combines: Sequence[FloatArray] | None = None,
+    instruments: Sequence[FloatArray] | None = None,
 ) -> Blocks:
     """Arrange moments for a fit; groups without rows are left out.
 
@@ -98,6 +110,8 @@ def blocks_of(
         One per recording, of the same channels.
     combines : sequence of (w, p) array, optional
         Regressors as combinations of those gathered, by recording.
+    instruments : sequence of (w, p) array, optional
+        Instruments as combinations of the same, where moments without instruments hold them.
     """
     chosen = [
         (i, k) for i, m in enumerate(moments) for k in range(m.channels) if m.lagged[k] > 0.0
@@ -115,6 +129,7 @@ def blocks_of(
     half = (width - 1) // 2 if first.instruments else 0
     z = np.array([one[..., :half] for one in stacked]) if first.instruments else None
     x, y = _split(stacked, half, by_group)
+    z_group = None if instruments is None else [instruments[i] for i, _ in chosen]
     totals = [m.far.total for m in moments]
     far = [totals[i][k] for i, k in chosen]
     totals_z = [None if m.far_z is None else m.far_z.total for m in moments]
@@ -123,9 +138,13 @@ def blocks_of(
     found = [(moments[i].own, k) for i, k in chosen]
     own = [one[k] for one, k in found if one is not None]
     own_x, own_y = _split(own, half, by_group) if own else (None, None)
+    own_z = _split(own, half, z_group)[0] if own and z_group is not None else None
+    if z_group is not None:
+        z = _split(stacked, half, z_group)[0]
+        far_z = np.array([c.T @ part @ c for part, c in zip(far, z_group, strict=True)])
     if by_group is not None:
         far = [c.T @ part @ c for part, c in zip(far, by_group, strict=True)]
-        x, y = _shortened(x, y)
+        x, y, z = _shortened(x, y, z)
     return Blocks(
         x,
         y,
@@ -139,6 +158,7 @@ def blocks_of(
         first.stride,
         own_x=own_x,
         own_y=own_y,
+        own_z=own_z,
     )
 
 
@@ -159,15 +179,17 @@ def _padded(parts: Sequence[FloatArray], rows: int) -> FloatArray:
     )
 
 
-def _shortened(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _shortened(
+    x: FloatArray, y: FloatArray, z: FloatArray | None
+) -> tuple[FloatArray, FloatArray, FloatArray | None]:
     """The same products from fewer rows: as many as there are columns."""
-    both = np.concatenate([x, y[..., None]], axis=3)
+    both = np.concatenate([x, y[..., None], *([] if z is None else [z])], axis=3)
     groups, rows, lags, width = both.shape
     if rows <= lags * width:
-        return x, y
+        return x, y, z
     factor = np.asarray(np.linalg.qr(both.reshape(groups, rows, lags * width), mode="r"))
-    short = factor.reshape(groups, -1, lags, width)
-    return short[..., :-1], short[..., -1]
+    short, size = factor.reshape(groups, -1, lags, width), x.shape[3]
+    return short[..., :size], short[..., size], None if z is None else short[..., size + 1 :]
 
 
 def unit_columns(blocks: Blocks) -> tuple[Blocks, FloatArray]:
@@ -178,5 +200,6 @@ def unit_columns(blocks: Blocks) -> tuple[Blocks, FloatArray]:
     square = np.outer(norms, norms)
     far_z = None if blocks.far_z is None else blocks.far_z / square
     own_x = None if blocks.own_x is None else blocks.own_x / norms
-    far = blocks.far / square
-    return replace(blocks, x=blocks.x / norms, z=z, far=far, far_z=far_z, own_x=own_x), norms
+    own_z = None if blocks.own_z is None else blocks.own_z / norms
+    part = replace(blocks, x=blocks.x / norms, z=z, far=blocks.far / square, far_z=far_z)
+    return replace(part, own_x=own_x, own_z=own_z), norms

@@ -19,6 +19,7 @@ from hydro_model.robot import FloatArray
 
 __all__ = [
     "Solution",
+    "instrumental_parameters",
     "misfit",
     "plain_parameters",
     "solve_iv",
@@ -62,11 +63,17 @@ def solve_ols(blocks: Blocks) -> Solution:
     return _scaled(with_noise(unit, estimator, unit.far), norms)
 
 
-def solve_iv(blocks: Blocks) -> Solution:
+def solve_iv(blocks: Blocks, excess: float = 0.0) -> Solution:
     """Instruments instead of regressors in the normal equations, weights by the residuals.
 
     What the regressors' own noise adds to X'X, and so pulls the parameters towards zero, is not
     in Z'X.
+
+    Parameters
+    ----------
+    blocks : Blocks
+    excess : float
+        Of robust weights (`hydro_ident.estimate.statistics.robust`).
 
     Raises
     ------
@@ -80,17 +87,29 @@ def solve_iv(blocks: Blocks) -> Solution:
     estimator = None
     for _ in range(_WEIGHT_PASSES):
         weight = 1.0 / levels(unit, theta) ** 2
-        estimator = _instrumental(unit, unit.z, weight)
+        estimator = _instrumental(unit, weight)
         theta = estimator.theta
     if estimator is None:
         raise IdentError("no pass was made")
-    return _scaled(with_noise(unit, estimator, unit.far_z), norms)
+    return _scaled(with_noise(unit, replace(estimator, excess=excess), unit.far_z), norms)
 
 
 def plain_parameters(blocks: Blocks, weight: FloatArray) -> FloatArray:
     """Least squares parameters under given weights of the groups."""
     unit, norms = unit_columns(blocks)
     return _least_squares(unit, weight).theta / norms
+
+
+def instrumental_parameters(blocks: Blocks, weight: FloatArray) -> FloatArray:
+    """Those by instruments, under given weights of the groups.
+
+    Raises
+    ------
+    IdentError
+        The blocks carry no instruments.
+    """
+    unit, norms = unit_columns(blocks)
+    return _instrumental(unit, weight).theta / norms
 
 
 def misfit(blocks: Blocks, weight: FloatArray) -> tuple[float, float]:
@@ -127,15 +146,18 @@ def _least_squares(unit: Blocks, weight: FloatArray) -> Estimator:
     return Estimator(root @ (left.T @ y), root, root, weak, weight, root[:, ~weak])
 
 
-def _instrumental(unit: Blocks, z: FloatArray, weight: FloatArray) -> Estimator:
-    by_lag = z[:, :, 0], unit.x[:, :, 0], unit.y[:, :, 0]
-    cross = np.einsum("g,gmp,gmq->pq", weight, by_lag[0], by_lag[1], optimize=True)
-    level = np.einsum("g,gmp,gm->p", weight, by_lag[0], by_lag[2], optimize=True)
+def _instrumental(unit: Blocks, weight: FloatArray) -> Estimator:
+    z = unit.instruments
+    if z is None:
+        raise IdentError("no instruments: expected columns that stand for the regressors")
+    x, y = unit.rows
+    cross = np.einsum("g,gmp,gmq->pq", weight, z, x, optimize=True)
+    level = np.einsum("g,gmp,gm->p", weight, z, y, optimize=True)
     inward, singular, outward = np.linalg.svd(cross)
-    weak = singular < _WEAK**2 * singular[0]
+    weak = singular <= _WEAK**2 * singular[0]
     inverse = np.where(weak, 0.0, 1.0 / np.where(weak, 1.0, singular))
     theta = outward.T @ (inverse * (inward.T @ level))
-    stacked = (by_lag[0] * np.sqrt(weight)[:, None, None]).reshape(-1, cross.shape[0])
+    stacked = (z * np.sqrt(weight)[:, None, None]).reshape(-1, cross.shape[0])
     _, own, directions = np.linalg.svd(stacked, full_matrices=False)
     strong = own > _WEAK * own[0]
     hat = directions[strong].T / own[strong]

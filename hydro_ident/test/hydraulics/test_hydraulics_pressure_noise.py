@@ -1,0 +1,71 @@
+"""Noise and rounding of the pressures do not stiffen oil: its column has an instrument."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hydro_ident.bag.recording import Recording
+from hydro_ident.estimate.signals.neighbours import neighbour_mean
+from hydro_ident.identify.identification import Settings, identify
+from hydro_ident.study.pressure_coverage import pressure_case, read, recorded, table
+from hydro_model.robot import Robot
+
+#: Where pressures hardly move: the fourth of the usual pace.
+PACE = 0.25
+
+
+@pytest.fixture(scope="module")
+def slow(robot: Robot) -> Recording:
+    return recorded(robot, PACE, 24.0)
+
+
+@pytest.mark.parametrize("kind", ["20 kPa", "12 bits, 5 kPa"])
+def test_moduli_are_as_their_intervals_say(slow: Recording, kind: str) -> None:
+    """16 moduli: fewer than 12 in their intervals, or a mean off by a percent, are no chance."""
+    case = pressure_case(slow, kind, PACE, 8, seed=5)
+    assert case.bulk >= 12 / 16
+    assert abs(case.off) < 0.01
+    assert case.edges >= 0.85
+    assert case.refused == 0
+    assert f"| {kind} | 0.25 |" in table([case])
+
+
+@pytest.mark.needs("clarabel")
+@pytest.mark.parametrize("estimator", ["wls", "robust"])
+def test_moduli_of_either_estimator_hold_the_truth(slow: Recording, estimator: str) -> None:
+    found = identify(
+        slow.robot,
+        [read(slow, "20 kPa", 1)],
+        settings=Settings(estimator=estimator),  # type: ignore[arg-type]
+    )
+    rows = {p.name: p for p in found.parameters}
+    for cylinder in slow.robot.cylinders:
+        row = rows[f"{cylinder.name}.bulk_modulus"]
+        assert row.ci95 is not None
+        low, high = row.ci95
+        assert low < cylinder.bulk_modulus_pa < high
+        assert row.value == pytest.approx(cylinder.bulk_modulus_pa, rel=0.04)
+
+
+def test_neighbours_are_those_of_five_to_ten_milliseconds() -> None:
+    values = np.zeros(41)
+    values[20] = 1.0
+    values[0] = np.nan
+    found = neighbour_mean(values, 0.002)
+    assert np.flatnonzero(found).tolist() == [15, 16, 17, 23, 24, 25]
+    assert found[15] == pytest.approx(1.0 / 6.0)
+    assert neighbour_mean(values, 0.05)[19] == pytest.approx(0.5)
+    # One side where there is no other; what has no neighbours stands for itself.
+    ramp = np.arange(8.0)
+    assert neighbour_mean(ramp, 0.002)[0] == pytest.approx(4.0)
+    assert neighbour_mean(ramp[:2], 0.002).tolist() == [0.0, 1.0]
+
+
+def test_neighbours_keep_the_motion_and_lose_the_noise() -> None:
+    """A straight line stays; of white noise nothing of a sample's own is left."""
+    time, rng = 0.002 * np.arange(4000), np.random.default_rng(2)
+    noise = rng.normal(size=time.size)
+    found = neighbour_mean(3.0 * time + noise, 0.002)[10:-10]
+    assert np.std(found - 3.0 * time[10:-10]) == pytest.approx(6.0**-0.5, rel=0.05)
+    assert abs(np.corrcoef(found - 3.0 * time[10:-10], noise[10:-10])[0, 1]) < 0.05
