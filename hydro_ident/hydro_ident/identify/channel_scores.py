@@ -135,7 +135,7 @@ class ScoreKeeper:
         self, trace: Trace, chamber: Chamber, fit: HydraulicFit, result: CylinderFit
     ) -> None:
         plan, rows, names = self.plan, [], column_names(chamber)
-        delays = (plan.robot.command_delay_s, fit.delay_s)
+        delays = (plan.robot.command_delay_s, fit.delay_of(chamber.valve.name))
         # The same windows at either delay: what a hole spoils at one is left out at both.
         windows = fit.windows.reaching(max(delays), trace.step_s)
         for laws, delay in zip(plan.effects, delays, strict=True):

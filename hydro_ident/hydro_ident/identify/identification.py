@@ -240,5 +240,21 @@ def _held_notes(
     for fit in hydraulic.cylinders if hydraulic is not None else ():
         named = [f"{fit.cylinder}.{name}" for name in fit.names]
         notes += part_notes(named, fit.held)
+    notes += _delay_notes(hydraulic)
     delay = [p.reason for p in parameters if p.name == COMMAND_DELAY and p.identifiable]
     return notes + [f"{COMMAND_DELAY}: {reason}" for reason in delay if reason]
+
+
+def _delay_notes(hydraulic: HydraulicFit | None) -> list[str]:
+    """That the valves' command delays differ, in words."""
+    if hydraulic is None or not hydraulic.valve_delays:
+        return []
+    found = ", ".join(
+        f"{name} {1e3 * own.delay_s:.2f} +- {1e3 * own.std_s:.2f}"
+        + (", its bound" if own.delay_s in (0.0, hydraulic.longest_s) else "")
+        for name, own in hydraulic.valve_delays.items()
+    )
+    return [
+        f"{COMMAND_DELAY}: the valves' delays differ ({found} ms): each cylinder's oil and edges"
+        " are fitted at that of its valve, the model has one for all"
+    ]

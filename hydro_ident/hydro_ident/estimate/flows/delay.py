@@ -1,38 +1,48 @@
-"""The command delay, which all chambers share, with the chambers' own parameters."""
+"""The command delay with the chambers' own parameters: of all valves, or of each its own.
+
+Valves whose delays agree within their errors have one, and every chamber tells of it. Where they
+do not, a common delay would make oil softer behind an early valve and stiffer behind a late one,
+by a per mille for some 0.1 ms: each valve's chambers are then fitted at its own delay.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hydro_ident.estimate.flows.chambers import chambers_of, column_names
-from hydro_ident.estimate.flows.flow_moments import (
-    ChamberMoments,
-    FlowGatherer,
-    combination,
-    instruments,
+from hydro_ident.estimate.flows.chambers import chambers_of
+from hydro_ident.estimate.flows.delay_steps import (
+    DelayStep,
+    GatheredChamber,
+    Solve,
+    coarse_delay,
+    delay_step,
+    gathered_chambers,
+    with_shared_delay,
 )
-from hydro_ident.estimate.statistics.blocks import Blocks, blocks_of
+from hydro_ident.estimate.flows.flow_moments import FlowGatherer
+from hydro_ident.estimate.forces.bounds import DEVIATIONS
+from hydro_ident.estimate.statistics.blocks import Blocks
 from hydro_ident.estimate.statistics.least_squares import Fit, fit_of_solution
 from hydro_ident.estimate.statistics.regression import (
     Solution,
     instrumental_parameters,
-    misfit,
     solve_iv,
 )
 from hydro_model.robot import FloatArray, Robot
 
-#: Delays tried before the Gauss-Newton steps, over the range.
-_TRIED = 9
+__all__ = ["DelayFit", "FittedChamber", "Solve", "ValveDelay", "fit_delay"]
+
 _STEPS, _SETTLED = 30, 1.0e-13
 #: Rounds of Gauss-Newton steps; the chambers' shares are those of the round before.
 _ROUNDS = 2
-
-#: An estimator: parameters, covariance and noise of a chamber.
-Solve = Callable[[Blocks], Solution]
+#: Share of a sampling interval by which delays are off without any noise, as pressures are taken
+#: for straight within it (`python -m hydro_ident.study.pressure_coverage`: 9 us of 2 ms).
+STRAIGHT = 0.005
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +59,8 @@ class FittedChamber:
     blocks : Blocks
     combines : dict of str to (w, p) array
         Its columns from those gathered, by recording.
+    shift : (p,) array
+        What its parameters have taken up of a delay beyond the range.
     """
 
     names: tuple[str, ...]
@@ -56,6 +68,15 @@ class FittedChamber:
     solution: Solution
     blocks: Blocks
     combines: dict[str, FloatArray]
+    shift: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class ValveDelay:
+    """The delay of one valve among others that differ, and its standard deviation, in s."""
+
+    delay_s: float
+    std_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,11 +86,14 @@ class DelayFit:
     Attributes
     ----------
     delay_s, std_s, dof : float
-        The deviation is infinite where the valves did not move.
+        The deviation is infinite where the valves did not move, and reaches every valve's own
+        where they differ.
     chambers : dict of str to FittedChamber
         By channel.
     longest_s : float
         Upper end of the range.
+    valves : dict of str to ValveDelay
+        By valve, where they differ.
     """
 
     delay_s: float
@@ -77,34 +101,42 @@ class DelayFit:
     dof: float
     chambers: dict[str, FittedChamber]
     longest_s: float
+    valves: dict[str, ValveDelay] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
-class _Chamber:
-    """A chamber's moments over all recordings."""
+class _Group:
+    """Chambers with one delay; `beyond_s`: how far a bound is from where they would have it."""
 
-    names: tuple[str, ...]
-    parts: tuple[ChamberMoments, ...]
+    chambers: Mapping[str, GatheredChamber]
+    delay_s: float
+    beyond_s: float
+    steps: Mapping[str, DelayStep]
 
-    def combines(self, delay_s: float) -> list[tuple[FloatArray, FloatArray]]:
-        extras = len(self.names) - 3
-        return [combination(delay_s / p.step_s, extras, p.windows) for p in self.parts]
+    @property
+    def information(self) -> float:
+        return sum(1.0 / s.variance for s in self.steps.values())
 
-    def blocks(self, delay_s: float) -> Blocks:
-        return self._blocks([combine for combine, _ in self.combines(delay_s)])
+    def std_s(self, step_s: float) -> float:
+        if self.information <= 0.0:
+            return math.inf
+        return math.hypot(1.0 / math.sqrt(self.information), STRAIGHT * step_s)
 
-    def _blocks(self, combines: Sequence[FloatArray]) -> Blocks:
-        calm = [instruments(combine, len(self.names) - 3) for combine in combines]
-        return blocks_of([p.moments for p in self.parts], combines, calm)
+    @property
+    def dof(self) -> float:
+        total = self.information
+        if total <= 0.0:
+            return 1.0
+        shares = [(1.0 / s.variance / total, s.dof) for s in self.steps.values()]
+        return 1.0 / sum(share**2 / dof for share, dof in shares)
 
-    def with_slope(self, delay_s: float, theta: FloatArray) -> Blocks:
-        """With the balance's slope in the delay as one more column, per sampling interval."""
-        step_s = self.parts[0].step_s
-        combines = [
-            np.column_stack([combine, slope @ theta * (step_s / part.step_s)])
-            for part, (combine, slope) in zip(self.parts, self.combines(delay_s), strict=True)
-        ]
-        return self._blocks(combines)
+
+@dataclass(frozen=True, slots=True)
+class _Range:
+    """Delays from 0 to `longest_s`; `step_s`: the longest sampling interval."""
+
+    longest_s: float
+    step_s: float
 
 
 def fit_delay(
@@ -116,7 +148,7 @@ def fit_delay(
 
     Delays over the range are tried, then Gauss-Newton steps follow: the balance's slope in the
     delay is one more column of every chamber, and the chambers' steps are averaged by their
-    information.
+    information. From there on every valve goes its own way; where they part, each stays there.
 
     Parameters
     ----------
@@ -131,143 +163,111 @@ def fit_delay(
     DelayFit or None
         None where no chamber has enough windows.
     """
-    chambers = _chambers(robot, gathered)
+    chambers = gathered_chambers(robot, gathered)
     if not chambers:
         return None
     parts = [p for c in chambers.values() for p in c.parts]
-    step_s, longest = max(p.step_s for p in parts), min(p.longest_s for p in parts)
-    weights = {name: solve(c.blocks(0.5 * longest)).weight for name, c in chambers.items()}
-    delay = _coarse_delay(chambers, weights, longest)
-    steps = {name: _delay_step(c, delay, solve) for name, c in chambers.items()}
+    limits = _Range(min(p.longest_s for p in parts), max(p.step_s for p in parts))
+    middle = 0.5 * limits.longest_s
+    weights = {name: solve(c.blocks(middle)).weight for name, c in chambers.items()}
+    begin = coarse_delay(chambers, weights, limits.longest_s)
+    common = _settled(chambers, begin, limits, weights, solve)
+    own = _own_groups(robot, common, limits, weights, solve)
+    fitted: dict[str, FittedChamber] = {}
+    for group in own.values() if own else [common]:
+        fitted |= {name: _fitted(group, name) for name in group.chambers}
+    fitted = {name: fitted[name] for name in chambers}
+    std_s = common.std_s(limits.step_s)
+    valves = {n: ValveDelay(g.delay_s, g.std_s(limits.step_s)) for n, g in own.items()}
+    if len({one.delay_s for one in valves.values()}) < 2:
+        valves = {}
+    apart = max((abs(one.delay_s - common.delay_s) for one in valves.values()), default=0.0)
+    return DelayFit(
+        common.delay_s, max(std_s, apart), common.dof, fitted, limits.longest_s, valves
+    )
+
+
+def _own_groups(
+    robot: Robot,
+    common: _Group,
+    limits: _Range,
+    weights: Mapping[str, FloatArray],
+    solve: Solve,
+) -> dict[str, _Group]:
+    """Every valve with a delay of its own; none where they agree within their errors."""
+    by_valve: dict[str, dict[str, GatheredChamber]] = {}
+    for chamber in chambers_of(robot):
+        if chamber.channel in common.chambers:
+            own = by_valve.setdefault(chamber.valve.name, {})
+            own[chamber.channel] = common.chambers[chamber.channel]
+    if len(by_valve) < 2:
+        return {}
+    groups = {
+        name: _settled(chambers, common.delay_s, limits, weights, solve)
+        for name, chambers in by_valve.items()
+    }
+    told = [
+        (g.delay_s + g.beyond_s, g.std_s(limits.step_s))
+        for g in groups.values()
+        if g.information > 0.0
+    ]
+    pairs = itertools.combinations(told, 2)
+    differ = any(abs(a - b) > DEVIATIONS * math.hypot(c, d) for (a, c), (b, d) in pairs)
+    return groups if differ else {}
+
+
+def _settled(
+    chambers: Mapping[str, GatheredChamber],
+    delay_s: float,
+    limits: _Range,
+    weights: Mapping[str, FloatArray],
+    solve: Solve,
+) -> _Group:
+    """Chambers at the delay that is best for them together, from one near it on."""
+    beyond = 0.0
+    steps = {name: delay_step(c, delay_s, solve) for name, c in chambers.items()}
     for _ in range(_ROUNDS):
         information = {name: 1.0 / s.variance for name, s in steps.items()}
         if sum(information.values()) <= 0.0:
             break
-        delay = _settled_delay(chambers, (weights, information), delay, (longest, step_s))
-        steps = {name: _delay_step(c, delay, solve) for name, c in chambers.items()}
-    return _result(chambers, (delay, longest), steps)
+        delay_s, beyond = _stepped(chambers, (weights, information), delay_s, limits)
+        steps = {name: delay_step(c, delay_s, solve) for name, c in chambers.items()}
+    return _Group(chambers, delay_s, beyond, steps)
 
 
-def _settled_delay(
-    chambers: dict[str, _Chamber],
-    known: tuple[dict[str, FloatArray], dict[str, float]],
+def _stepped(
+    chambers: Mapping[str, GatheredChamber],
+    known: tuple[Mapping[str, FloatArray], Mapping[str, float]],
     delay_s: float,
-    scale: tuple[float, float],
-) -> float:
-    """Gauss-Newton steps, averaged by given shares, until the delay stays."""
-    (weights, information), (longest_s, step_s) = known, scale
-    total = sum(information.values())
+    limits: _Range,
+) -> tuple[float, float]:
+    """Gauss-Newton steps, averaged by given shares, until the delay stays, and the step left."""
+    weights, information = known
+    total, beyond = sum(information.values()), 0.0
     for _ in range(_STEPS):
         move = 0.0
         for name, chamber in chambers.items():
             theta = instrumental_parameters(chamber.blocks(delay_s), weights[name])
             both = instrumental_parameters(chamber.with_slope(delay_s, theta), weights[name])
             move += float(both[-1]) * chamber.parts[0].step_s * information[name] / total
-        moved = min(max(delay_s + move, 0.0), longest_s)
-        settled = abs(moved - delay_s) <= _SETTLED * step_s
+        moved = min(max(delay_s + move, 0.0), limits.longest_s)
+        beyond = delay_s + move - moved
+        settled = abs(moved - delay_s) <= _SETTLED * limits.step_s
         delay_s = moved
         if settled:
             break
-    return delay_s
+    return delay_s, beyond
 
 
-def _chambers(robot: Robot, gathered: Sequence[FlowGatherer]) -> dict[str, _Chamber]:
-    found = {}
-    for chamber in chambers_of(robot):
-        parts = [g.chambers[chamber.channel] for g in gathered if chamber.channel in g.chambers]
-        parts = [p for p in parts if p.moments.lagged.any()]
-        if not parts:
-            continue
-        names = column_names(chamber, parts[0].listed)
-        if sum(int(p.moments.rows.sum()) for p in parts) > 10 * len(names):
-            found[chamber.channel] = _Chamber(names, tuple(parts))
-    return found
-
-
-def _coarse_delay(
-    chambers: dict[str, _Chamber], weights: dict[str, FloatArray], longest_s: float
-) -> float:
-    """The best of some delays, under the weights found at the middle one."""
-    if longest_s <= 0.0:
-        return 0.0
-    tried = np.linspace(0.0, longest_s, _TRIED)
-    misfits = [
-        sum(_log_misfit(c.blocks(float(d)), weights[name]) for name, c in chambers.items())
-        for d in tried
-    ]
-    return float(tried[int(np.argmin(misfits))])
-
-
-def _log_misfit(blocks: Blocks, weight: FloatArray) -> float:
-    squares, level = misfit(blocks, weight)
-    count = float(blocks.count.sum())
-    return count * math.log(max(squares, 1e-24 * level, 1e-300))
-
-
-@dataclass(frozen=True, slots=True)
-class _Step:
-    """What one chamber says about the delay, and its parameters at this one."""
-
-    plain: Solution
-    carried: FloatArray  # what the parameters take up of an error of the delay, per second
-    variance: float
-    dof: float
-    covariance: FloatArray
-    theta_dof: FloatArray
-
-
-def _delay_step(chamber: _Chamber, delay_s: float, solve: Solve) -> _Step:
-    unit = chamber.parts[0].step_s
-    plain = solve(chamber.blocks(delay_s))
-    both = solve(chamber.with_slope(delay_s, plain.theta))
-    variance = float(both.covariance[-1, -1]) * unit**2
-    scale = np.append(np.ones(plain.theta.size), unit)
-    slope = chamber.with_slope(delay_s, plain.theta)
-    known = slope.held(np.arange(plain.theta.size), np.zeros(plain.theta.size + 1))
-    own_slope = None if slope.own_x is None else slope.own_x[..., -1]
-    carried = replace(known, y=slope.x[..., -1], own_y=own_slope)
-    return _Step(
-        plain,
-        instrumental_parameters(carried, plain.weight) / unit,
-        variance if variance > 0.0 else math.inf,
-        float(both.dof[-1]),
-        both.covariance * np.outer(scale, scale),
-        both.dof[:-1],
-    )
-
-
-def _result(
-    chambers: dict[str, _Chamber], delays: tuple[float, float], steps: dict[str, _Step]
-) -> DelayFit:
-    delay_s, longest_s = delays
-    information = {name: 1.0 / s.variance for name, s in steps.items()}
-    total = sum(information.values())
-    fitted = {}
-    for name, chamber in chambers.items():
-        step, blocks = steps[name], chamber.blocks(delay_s)
-        count = sum(int(p.moments.rows.sum()) for p in chamber.parts)
-        fit = fit_of_solution(step.plain, blocks, count)
-        if 0.0 < information[name] < math.inf:
-            covariance = _with_shared_delay(step, information[name], total)
-            fit = replace(fit, covariance=covariance, dof=step.theta_dof)
-        parts = zip(chamber.parts, chamber.combines(delay_s), strict=True)
-        combines = {part.moments.label: combine for part, (combine, _) in parts}
-        fitted[name] = FittedChamber(chamber.names, fit, step.plain, blocks, combines)
-    if total <= 0.0:
-        return DelayFit(delay_s, math.inf, 1.0, fitted, longest_s)
-    shares = np.array([i / total for i in information.values()])
-    dof = 1.0 / float(np.sum(shares**2 / np.array([s.dof for s in steps.values()])))
-    return DelayFit(delay_s, 1.0 / math.sqrt(total), dof, fitted, longest_s)
-
-
-def _with_shared_delay(step: _Step, own: float, total: float) -> FloatArray:
-    """Covariance of a chamber's parameters at the delay that all chambers share.
-
-    The delay is the mean of the chambers' own, weighted by their information; what it is off by
-    here, the parameters take up as their regressors do: ``theta = theta_k + b (d_k - d)`` with the
-    chamber's own estimates of both.
-    """
-    carried = step.carried[:, None]
-    path = np.concatenate([np.eye(carried.size), carried * (1.0 - own / total)], axis=1)
-    elsewhere = carried @ carried.T * (total - own) / total**2
-    return np.asarray(path @ step.covariance @ path.T + elsewhere)
+def _fitted(group: _Group, name: str) -> FittedChamber:
+    chamber, step, delay_s = group.chambers[name], group.steps[name], group.delay_s
+    blocks, own = chamber.blocks(delay_s), 1.0 / step.variance
+    count = sum(int(p.moments.rows.sum()) for p in chamber.parts)
+    fit = fit_of_solution(step.plain, blocks, count)
+    if 0.0 < own < math.inf:
+        covariance = with_shared_delay(step, own, group.information)
+        fit = replace(fit, covariance=covariance, dof=step.theta_dof)
+    parts = zip(chamber.parts, chamber.combines(delay_s), strict=True)
+    combines = {part.moments.label: combine for part, (combine, _) in parts}
+    shift = np.asarray(step.carried * group.beyond_s)
+    return FittedChamber(chamber.names, fit, step.plain, blocks, combines, shift)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from hydro_ident.estimate.flows.chambers import WindowSettings, chambers_of
 from hydro_ident.estimate.flows.cylinder_fit import CylinderFit, combined
-from hydro_ident.estimate.flows.delay import Solve, fit_delay
+from hydro_ident.estimate.flows.delay import Solve, ValveDelay, fit_delay
 from hydro_ident.estimate.flows.flow_moments import ExtraColumns, FlowGatherer, Select
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.regression import solve_iv
@@ -30,6 +30,8 @@ class HydraulicFit:
         Degrees of freedom of the delay's deviation.
     longest_s : float
         Longest delay that was tried.
+    valve_delays : mapping of str to ValveDelay
+        By valve, where they differ: its chambers are fitted at its own.
     """
 
     delay_s: float
@@ -38,6 +40,12 @@ class HydraulicFit:
     windows: WindowSettings
     delay_dof: float = math.inf
     longest_s: float = math.inf
+    valve_delays: Mapping[str, ValveDelay] = field(default_factory=dict)
+
+    def delay_of(self, valve: str) -> float:
+        """Delay in s at which a valve's chambers are fitted, by its name."""
+        own = self.valve_delays.get(valve)
+        return self.delay_s if own is None else own.delay_s
 
 
 def fit_hydraulics(
@@ -106,4 +114,6 @@ def hydraulic_fit(
         combined([(chamber, one) for chamber, one in fitted if chamber.index == index])
         for index in sorted({chamber.index for chamber, _ in fitted})
     )
-    return HydraulicFit(found.delay_s, found.std_s, cylinders, windows, found.dof, found.longest_s)
+    return HydraulicFit(
+        found.delay_s, found.std_s, cylinders, windows, found.dof, found.longest_s, found.valves
+    )

@@ -1,0 +1,194 @@
+"""What one chamber says about the command delay, and its parameters at a given one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hydro_ident.estimate.flows.chambers import chambers_of, column_names
+from hydro_ident.estimate.flows.flow_moments import (
+    ChamberMoments,
+    FlowGatherer,
+    combination,
+    instruments,
+)
+from hydro_ident.estimate.statistics.blocks import Blocks, blocks_of
+from hydro_ident.estimate.statistics.regression import Solution, instrumental_parameters, misfit
+from hydro_model.robot import FloatArray, Robot
+
+#: Delays tried before the Gauss-Newton steps, over the range.
+_TRIED = 9
+
+#: An estimator: parameters, covariance and noise of a chamber.
+Solve = Callable[[Blocks], Solution]
+
+
+@dataclass(frozen=True, slots=True)
+class GatheredChamber:
+    """A chamber's moments over all recordings.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of its columns.
+    parts : tuple of ChamberMoments
+        By recording.
+    """
+
+    names: tuple[str, ...]
+    parts: tuple[ChamberMoments, ...]
+
+    def combines(self, delay_s: float) -> list[tuple[FloatArray, FloatArray]]:
+        """Its columns at a delay in s from those gathered, and their slopes, by recording."""
+        extras = len(self.names) - 3
+        return [combination(delay_s / p.step_s, extras, p.windows) for p in self.parts]
+
+    def blocks(self, delay_s: float) -> Blocks:
+        """Its columns at a delay in s, with their instruments."""
+        return self._blocks([combine for combine, _ in self.combines(delay_s)])
+
+    def _blocks(self, combines: Sequence[FloatArray]) -> Blocks:
+        calm = [instruments(combine, len(self.names) - 3) for combine in combines]
+        return blocks_of([p.moments for p in self.parts], combines, calm)
+
+    def with_slope(self, delay_s: float, theta: FloatArray) -> Blocks:
+        """With the balance's slope in the delay as one more column, per sampling interval.
+
+        Parameters
+        ----------
+        delay_s : float
+        theta : (p,) array
+        """
+        step_s = self.parts[0].step_s
+        combines = [
+            np.column_stack([combine, slope @ theta * (step_s / part.step_s)])
+            for part, (combine, slope) in zip(self.parts, self.combines(delay_s), strict=True)
+        ]
+        return self._blocks(combines)
+
+
+def gathered_chambers(
+    robot: Robot, gathered: Sequence[FlowGatherer]
+) -> dict[str, GatheredChamber]:
+    """Chambers with enough windows, by channel.
+
+    Parameters
+    ----------
+    robot : Robot
+    gathered : sequence of FlowGatherer
+    """
+    found = {}
+    for chamber in chambers_of(robot):
+        parts = [g.chambers[chamber.channel] for g in gathered if chamber.channel in g.chambers]
+        parts = [p for p in parts if p.moments.lagged.any()]
+        if not parts:
+            continue
+        names = column_names(chamber, parts[0].listed)
+        if sum(int(p.moments.rows.sum()) for p in parts) > 10 * len(names):
+            found[chamber.channel] = GatheredChamber(names, tuple(parts))
+    return found
+
+
+def coarse_delay(
+    chambers: Mapping[str, GatheredChamber], weights: Mapping[str, FloatArray], longest_s: float
+) -> float:
+    """The best of some delays, under the weights found at the middle one.
+
+    Parameters
+    ----------
+    chambers : mapping of str to GatheredChamber
+    weights : mapping of str to (G,) array
+    longest_s : float
+    """
+    if longest_s <= 0.0:
+        return 0.0
+    tried = np.linspace(0.0, longest_s, _TRIED)
+    misfits = [
+        sum(_log_misfit(c.blocks(float(d)), weights[name]) for name, c in chambers.items())
+        for d in tried
+    ]
+    return float(tried[int(np.argmin(misfits))])
+
+
+def _log_misfit(blocks: Blocks, weight: FloatArray) -> float:
+    squares, level = misfit(blocks, weight)
+    count = float(blocks.count.sum())
+    return count * math.log(max(squares, 1e-24 * level, 1e-300))
+
+
+@dataclass(frozen=True, slots=True)
+class DelayStep:
+    """What one chamber says about the delay, and its parameters at this one.
+
+    Attributes
+    ----------
+    plain : Solution
+    carried : (p,) array
+        What the parameters take up of an error of the delay, per second.
+    variance, dof : float
+        Of the delay, s^2.
+    covariance : (p + 1, p + 1) array
+        Of the parameters and the delay.
+    theta_dof : (p,) array
+    """
+
+    plain: Solution
+    carried: FloatArray
+    variance: float
+    dof: float
+    covariance: FloatArray
+    theta_dof: FloatArray
+
+
+def delay_step(chamber: GatheredChamber, delay_s: float, solve: Solve) -> DelayStep:
+    """A chamber fitted at a delay, without and with the slope in it.
+
+    Parameters
+    ----------
+    chamber : GatheredChamber
+    delay_s : float
+    solve : callable
+    """
+    unit = chamber.parts[0].step_s
+    plain = solve(chamber.blocks(delay_s))
+    both = solve(chamber.with_slope(delay_s, plain.theta))
+    variance = float(both.covariance[-1, -1]) * unit**2
+    scale = np.append(np.ones(plain.theta.size), unit)
+    slope = chamber.with_slope(delay_s, plain.theta)
+    known = slope.held(np.arange(plain.theta.size), np.zeros(plain.theta.size + 1))
+    own_slope = None if slope.own_x is None else slope.own_x[..., -1]
+    carried = replace(known, y=slope.x[..., -1], own_y=own_slope)
+    return DelayStep(
+        plain,
+        instrumental_parameters(carried, plain.weight) / unit,
+        variance if variance > 0.0 else math.inf,
+        float(both.dof[-1]),
+        both.covariance * np.outer(scale, scale),
+        both.dof[:-1],
+    )
+
+
+def with_shared_delay(step: DelayStep, own: float, total: float) -> FloatArray:
+    """Covariance of a chamber's parameters at the delay that all chambers share.
+
+    The delay is the mean of the chambers' own, weighted by their information; what it is off by
+    here, the parameters take up as their regressors do: ``theta = theta_k + b (d_k - d)`` with the
+    chamber's own estimates of both.
+
+    Parameters
+    ----------
+    step : DelayStep
+    own, total : float
+        Information on the delay, of the chamber and of all.
+
+    Returns
+    -------
+    (p, p) array
+    """
+    carried = step.carried[:, None]
+    path = np.concatenate([np.eye(carried.size), carried * (1.0 - own / total)], axis=1)
+    elsewhere = carried @ carried.T * (total - own) / total**2
+    return np.asarray(path @ step.covariance @ path.T + elsewhere)
