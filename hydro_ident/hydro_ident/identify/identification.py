@@ -240,7 +240,7 @@ def _held_notes(
     for fit in hydraulic.cylinders if hydraulic is not None else ():
         named = [f"{fit.cylinder}.{name}" for name in fit.names]
         notes += part_notes(named, fit.held)
-    notes += _delay_notes(hydraulic)
+    notes += _delay_notes(hydraulic) + _rail_notes(hydraulic)
     delay = [p.reason for p in parameters if p.name == COMMAND_DELAY and p.identifiable]
     return notes + [f"{COMMAND_DELAY}: {reason}" for reason in delay if reason]
 
@@ -258,3 +258,22 @@ def _delay_notes(hydraulic: HydraulicFit | None) -> list[str]:
         f"{COMMAND_DELAY}: the valves' delays differ ({found} ms): each cylinder's oil and edges"
         " are fitted at that of its valve, the model has one for all"
     ]
+
+
+def _rail_notes(hydraulic: HydraulicFit | None) -> list[str]:
+    """What is to be said of rails that nobody read, whose constants the flows were fitted with."""
+    notes = []
+    for one in hydraulic.rails if hydraulic is not None else ():
+        given, found = 1e-5 * one.given_pa, 1e-5 * (one.given_pa + one.off_pa)
+        told = f"may be off by {1e-5 * one.error_pa:.2g} bar"
+        if one.told:
+            told = (
+                f"do not fit what passes the valves: about {found:.4g} bar do (gauge). Correct the"
+                " file, or record it"
+            )
+        notes.append(
+            f"{one.rail} was not recorded, and the robot file's {given:.4g} bar {told}: edges and"
+            " oil are those of the file's constant, and their intervals reach as far as this one"
+            " moves them"
+        )
+    return notes

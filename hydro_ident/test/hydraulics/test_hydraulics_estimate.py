@@ -132,7 +132,8 @@ def test_oil_that_is_barely_told_is_not_identified(robot: Robot, bench: Any) -> 
 def test_edges_are_known_beside_oil_that_is_not(robot: Robot, bench: Any, given_pa: float) -> None:
     """A modulus that the data allow goes with its edges; one that they refute bends none."""
     trace, rng = bench.run(robot), np.random.default_rng(1)
-    noisy = replace(trace, stroke=trace.stroke + 0.008 * rng.normal(size=trace.stroke.shape))
+    stroke = trace.stroke + 0.008 * rng.normal(size=trace.stroke.shape)
+    noisy = replace(trace, stroke=stroke, rails_read=(True, True))
     given = replace(
         robot,
         cylinders=tuple(replace(c, bulk_modulus_pa=given_pa) for c in robot.cylinders),

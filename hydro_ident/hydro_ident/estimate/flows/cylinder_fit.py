@@ -126,9 +126,10 @@ def combined(fitted: Sequence[tuple[Chamber, FittedChamber]]) -> CylinderFit:
     path = chambers_to_cylinder([one for _, one in fitted], order)
     theta = path @ np.concatenate([f.fit.theta for f in fits])
     covariance = path @ block_diag(*(f.fit.covariance for f in fits)) @ path.T
-    # A delay that would lie beyond its bound moves the chambers together: so far is a deviation.
-    shift = path @ np.concatenate([one.shift for _, one in fitted])
-    covariance += np.outer(shift, shift)
+    # A delay beyond its bound, or a rail that nobody read, moves the chambers together.
+    for shifts in zip(*(one.shifts for _, one in fitted), strict=True):
+        shift = path @ np.concatenate(shifts)
+        covariance += np.outer(shift, shift)
     collinear = np.array(
         [max(f.fit.collinearity[f.names.index(n)] for f in fits if n in f.names) for n in order]
     )

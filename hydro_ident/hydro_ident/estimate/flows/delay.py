@@ -25,6 +25,7 @@ from hydro_ident.estimate.flows.delay_steps import (
     with_shared_delay,
 )
 from hydro_ident.estimate.flows.flow_moments import FlowGatherer
+from hydro_ident.estimate.flows.rail_constants import RailConstant, rail_constants
 from hydro_ident.estimate.forces.bounds import DEVIATIONS
 from hydro_ident.estimate.statistics.blocks import Blocks
 from hydro_ident.estimate.statistics.least_squares import Fit, fit_of_solution
@@ -59,8 +60,9 @@ class FittedChamber:
     blocks : Blocks
     combines : dict of str to (w, p) array
         Its columns from those gathered, by recording.
-    shift : (p,) array
-        What its parameters have taken up of a delay beyond the range.
+    shifts : tuple of (p,) array
+        What its parameters may have taken up, as one deviation: of a delay beyond the range, of
+        the rails' constants. The same cause is at the same place in all chambers.
     """
 
     names: tuple[str, ...]
@@ -68,7 +70,7 @@ class FittedChamber:
     solution: Solution
     blocks: Blocks
     combines: dict[str, FloatArray]
-    shift: FloatArray
+    shifts: tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +96,8 @@ class DelayFit:
         Upper end of the range.
     valves : dict of str to ValveDelay
         By valve, where they differ.
+    rails : tuple of RailConstant
+        Of rails that nobody read.
     """
 
     delay_s: float
@@ -102,6 +106,7 @@ class DelayFit:
     chambers: dict[str, FittedChamber]
     longest_s: float
     valves: dict[str, ValveDelay] = field(default_factory=dict)
+    rails: tuple[RailConstant, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,17 +178,25 @@ def fit_delay(
     begin = coarse_delay(chambers, weights, limits.longest_s)
     common = _settled(chambers, begin, limits, weights, solve)
     own = _own_groups(robot, common, limits, weights, solve)
-    fitted: dict[str, FittedChamber] = {}
-    for group in own.values() if own else [common]:
-        fitted |= {name: _fitted(group, name) for name in group.chambers}
-    fitted = {name: fitted[name] for name in chambers}
+    group_of = {name: g for g in (own.values() if own else [common]) for name in g.chambers}
+    rails, carried = rail_constants(
+        robot,
+        {n: (c, group_of[n].delay_s, group_of[n].steps[n]) for n, c in chambers.items()},
+        solve,
+    )
+    fitted = {}
+    for name in chambers:
+        one = _fitted(group_of[name], name)
+        zero = np.zeros(len(one.names))
+        shifts = [carried[name].get(r.rail, zero) * r.error_pa for r in rails]
+        fitted[name] = replace(one, shifts=(*one.shifts, *shifts))
     std_s = common.std_s(limits.step_s)
     valves = {n: ValveDelay(g.delay_s, g.std_s(limits.step_s)) for n, g in own.items()}
     if len({one.delay_s for one in valves.values()}) < 2:
         valves = {}
     apart = max((abs(one.delay_s - common.delay_s) for one in valves.values()), default=0.0)
     return DelayFit(
-        common.delay_s, max(std_s, apart), common.dof, fitted, limits.longest_s, valves
+        common.delay_s, max(std_s, apart), common.dof, fitted, limits.longest_s, valves, rails
     )
 
 
@@ -270,4 +283,4 @@ def _fitted(group: _Group, name: str) -> FittedChamber:
     parts = zip(chamber.parts, chamber.combines(delay_s), strict=True)
     combines = {part.moments.label: combine for part, (combine, _) in parts}
     shift = np.asarray(step.carried * group.beyond_s)
-    return FittedChamber(chamber.names, fit, step.plain, blocks, combines, shift)
+    return FittedChamber(chamber.names, fit, step.plain, blocks, combines, (shift,))

@@ -10,6 +10,7 @@ import numpy as np
 
 from hydro_ident.estimate.flows.chambers import chambers_of, column_names
 from hydro_ident.estimate.flows.flow_moments import (
+    RAILS,
     ChamberMoments,
     FlowGatherer,
     combination,
@@ -21,6 +22,8 @@ from hydro_model.robot import FloatArray, Robot
 
 #: Delays tried before the Gauss-Newton steps, over the range.
 _TRIED = 9
+#: Edges of the rails, by `RAILS`: a chamber has one of each.
+_OF_RAIL = (("c_pa", "c_pb"), ("c_at", "c_bt"))
 
 #: An estimator: parameters, covariance and noise of a chamber.
 Solve = Callable[[Blocks], Solution]
@@ -67,6 +70,22 @@ class GatheredChamber:
             np.column_stack([combine, slope @ theta * (step_s / part.step_s)])
             for part, (combine, slope) in zip(self.parts, self.combines(delay_s), strict=True)
         ]
+        return self._blocks(combines)
+
+    def with_rails(self, delay_s: float, theta: FloatArray) -> Blocks:
+        """With the balance's slopes in the rails as more columns, per Pa, by `RAILS`.
+
+        Parameters
+        ----------
+        delay_s : float
+        theta : (p,) array
+        """
+        edges = [next(i for i, n in enumerate(self.names) if n in own) for own in _OF_RAIL]
+        combines = []
+        for combine, _ in self.combines(delay_s):
+            slopes = np.zeros((len(combine), len(RAILS)))
+            slopes[-len(RAILS) :] = np.diag(theta[edges])
+            combines.append(np.column_stack([combine, slopes]))
         return self._blocks(combines)
 
 

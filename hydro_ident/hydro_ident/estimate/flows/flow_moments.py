@@ -39,6 +39,8 @@ Select = Callable[[Rows], Rows]
 _NODES = 4
 #: Share of a cycle by which the rates of two recordings may differ and be the same.
 NEARLY = 0.01
+#: Rails, in the order of their gathered columns, and the step of these slopes, Pa.
+RAILS, _RAIL_STEP_PA = ("supply", "tank"), 1.0e4
 _AT = 0.5 - 0.5 * np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
 
 
@@ -92,11 +94,11 @@ def combination(
 
     Returns
     -------
-    combine, slope : (2 (1 + extras) + 2 nodes, 3 + extras) array
+    combine, slope : (2 (1 + extras) + 2 nodes + rails, 3 + extras) array
     """
     weights, slopes = delay_weights(cycles, windows)
     count = weights.size
-    combine = np.zeros((2 * (1 + extras) + 2 * count, 3 + extras))
+    combine = np.zeros((2 * (1 + extras) + 2 * count + len(RAILS), 3 + extras))
     slope = np.zeros_like(combine)
     begin = 2 * (1 + extras)
     for column in (1, 2):
@@ -150,7 +152,8 @@ def gathered_rows(
     -------
     Rows
         One channel; columns: compressed volume, extra, both of the neighbours' pressures, one
-        edge at every delay, the other.
+        edge at every delay, the other, then by rail the slope in it of the edge that it feeds or
+        drains, at the middle of the delays; zero where the rail was read.
     """
     side = 0 if chamber.side == "a" else 1
     volume = chamber_volumes(chamber.cylinder, trace.stroke[:, chamber.index])[side]
@@ -163,8 +166,25 @@ def gathered_rows(
     ):
         columns += [-middle * np.diff(readings), *(() if more is None else more.T)]
     columns += [opening for opening, _ in edges] + [closing for _, closing in edges]
+    columns += _rail_slopes(chamber, trace, windows)
     steps = np.stack([np.diff(volume), *columns], axis=1)
     return window_rows(steps, trace, trace.valve_signal[:, chamber.index], windows)
+
+
+def _rail_slopes(chamber: Chamber, trace: Trace, windows: WindowSettings) -> list[FloatArray]:
+    """Volumes through the edges of unit coefficient per Pa of each rail that nobody read."""
+    delay_s = 0.5 * windows.max_delay_cycles * trace.step_s
+    slopes = []
+    for rail, read in zip(RAILS, trace.rails_read, strict=True):
+        if read:
+            slopes.append(np.zeros(trace.samples - 1))
+            continue
+        sides = [
+            sum(edge_integrals(chamber, replace(trace, **{rail: moved}), delay_s))
+            for moved in (getattr(trace, rail) + s * _RAIL_STEP_PA for s in (-0.5, 0.5))
+        ]
+        slopes.append(np.asarray(sides[1] - sides[0]) / _RAIL_STEP_PA)
+    return slopes
 
 
 @dataclass(slots=True)

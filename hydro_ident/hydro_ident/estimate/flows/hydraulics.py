@@ -10,6 +10,7 @@ from hydro_ident.estimate.flows.chambers import WindowSettings, chambers_of
 from hydro_ident.estimate.flows.cylinder_fit import CylinderFit, combined
 from hydro_ident.estimate.flows.delay import Solve, ValveDelay, fit_delay
 from hydro_ident.estimate.flows.flow_moments import ExtraColumns, FlowGatherer, Select
+from hydro_ident.estimate.flows.rail_constants import RailConstant
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.regression import solve_iv
 from hydro_model.robot import Robot
@@ -32,6 +33,8 @@ class HydraulicFit:
         Longest delay that was tried.
     valve_delays : mapping of str to ValveDelay
         By valve, where they differ: its chambers are fitted at its own.
+    rails : tuple of RailConstant
+        Of rails that nobody read.
     """
 
     delay_s: float
@@ -41,6 +44,7 @@ class HydraulicFit:
     delay_dof: float = math.inf
     longest_s: float = math.inf
     valve_delays: Mapping[str, ValveDelay] = field(default_factory=dict)
+    rails: tuple[RailConstant, ...] = ()
 
     def delay_of(self, valve: str) -> float:
         """Delay in s at which a valve's chambers are fitted, by its name."""
@@ -115,5 +119,12 @@ def hydraulic_fit(
         for index in sorted({chamber.index for chamber, _ in fitted})
     )
     return HydraulicFit(
-        found.delay_s, found.std_s, cylinders, windows, found.dof, found.longest_s, found.valves
+        found.delay_s,
+        found.std_s,
+        cylinders,
+        windows,
+        found.dof,
+        found.longest_s,
+        found.valves,
+        found.rails,
     )
