@@ -249,6 +249,18 @@ def test_a_model_of_another_machine_is_refused(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(("field", "off"), [("bore_m", 0.01), ("l1_m", 2e-3), ("q0_rad", 0.02)])
+def test_another_cylinder_under_the_same_name_is_refused(field: str, off: float) -> None:
+    robot = load_robot("xs031")
+    lift, tilt = robot.cylinders
+    other = replace(lift, **{field: getattr(lift, field) + off})
+    with pytest.raises(IdentError, match=f"found lift_cylinder with {field}"):
+        compare(replace(robot, cylinders=(other, tilt)), robot, [], "old")
+    # Oil, friction and bodies are what is compared.
+    changed = replace(lift, bulk_modulus_pa=9e8, viscous_friction=1.0, barrel=None)
+    assert not compare(replace(robot, cylinders=(changed, tilt)), robot, [], "old").changes
+
+
 @pytest.mark.needs("clarabel")
 def test_a_datasheet_can_be_compared_too(
     crane_run, write_bag: Callable[..., Path], tmp_path: Path

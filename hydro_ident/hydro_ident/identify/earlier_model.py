@@ -14,6 +14,8 @@ from hydro_model.robot import FloatArray, Robot
 
 #: Coefficients of a combination that agree to this are the same.
 _SAME = 1e-6
+#: Of a cylinder: its areas, its stroke and its triangle, m and rad.
+_GEOMETRY = ("bore_m", "rod_m", "stroke_m", "l1_m", "l2_m", "q0_rad", "x0_m")
 
 
 def old_value(robot: Robot, parameter: Parameter) -> float | None:
@@ -89,6 +91,18 @@ def check_same_machine(
             raise IdentError(
                 f"{label}: expected a model of the same machine with {what} {', '.join(ours)},"
                 f" found {', '.join(theirs) or 'none'}"
+            )
+    for own, earlier in zip(new.cylinders, old.cylinders, strict=True):
+        other = [
+            f"{field} {getattr(own, field):.6g}, {getattr(earlier, field):.6g} there"
+            for field in _GEOMETRY
+            if abs(getattr(own, field) - getattr(earlier, field)) > _SAME
+        ]
+        if other:
+            raise IdentError(
+                f"{label}: expected the geometry of the same machine, found {own.name} with"
+                f" {'; '.join(other)}: forces and flows count by it, so that their numbers cannot"
+                " be compared"
             )
     known = {p.name: p.combination for p in old.base_parameters}
     for p in parameters:
