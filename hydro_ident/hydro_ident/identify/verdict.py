@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_ident.bag.recording import Recording
-from hydro_ident.estimate.flows.chambers import INVERSE_BULK
+from hydro_ident.estimate.flows.chambers import EDGES, INVERSE_BULK
+from hydro_ident.estimate.flows.cylinder_fit import CylinderFit
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit
 from hydro_ident.estimate.forces.inertial import InertialFit
 from hydro_ident.identify.continuity import Continuity, broken_up, partly_read
@@ -180,7 +181,7 @@ def _force_problems(
     """Problems of the force channels, and whether there is enough for a model."""
     # Edges whose chambers tell no bulk modulus are of little motion.
     usable = hydraulic is not None and any(
-        not c.rejected and c.refused_bulk is None for c in hydraulic.cylinders
+        not c.rejected and c.refused_bulk is None and not c.unrecorded for c in hydraulic.cylinders
     )
     if inertial is None:
         return [_no_forces(robot, recordings, continuities)], usable
@@ -287,7 +288,20 @@ def _hydraulic_problems(
                 f" {bulk.reason}"
             )
             problems[-1] += "" if bulk.told else _missing_run((INVERSE_BULK,))
+        problems += _one_chamber(robot, fitted.get(name))
     return problems
+
+
+def _one_chamber(robot: Robot, fit: CylinderFit | None) -> list[str]:
+    """What stays as given of a cylinder of which one chamber alone was recorded."""
+    if fit is None or fit.rejected or not fit.unrecorded:
+        return []
+    lost = [f"{fit.valve}.{edge}" for edge in EDGES[fit.unrecorded]]
+    joint = robot.cylinder(fit.cylinder).joint
+    return [
+        f"{joint}/flow_{fit.unrecorded} was not recorded: {' and '.join(lost)} stay the robot"
+        f" file's; {fit.cylinder}.bulk_modulus and the other edges are of one chamber alone"
+    ]
 
 
 def _missing_run(unknown: Sequence[str]) -> str:

@@ -166,7 +166,8 @@ def _stop_notes(robot: Robot, traces: Sequence[Trace]) -> list[str]:
 
 def no_free_run(robot: Robot, hydraulic: HydraulicFit | None) -> str:
     """Why an identified robot is not to be rolled out; empty where it is."""
-    good = {c.cylinder for c in hydraulic.cylinders if not c.rejected} if hydraulic else set()
+    fits = hydraulic.cylinders if hydraulic else ()
+    good = {c.cylinder for c in fits if not c.rejected and not c.unrecorded}
     bad = [c.name for c in robot.cylinders if c.name not in good]
     return f"hydraulics of {', '.join(bad)} were not identified" if bad else ""
 

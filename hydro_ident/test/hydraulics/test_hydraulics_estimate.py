@@ -103,9 +103,14 @@ def test_windows_that_touch_a_latched_span_are_left_out(robot: Robot, bench: Any
     assert np.isfinite(rows.x).all()
 
 
-def test_a_cylinder_with_one_chamber_is_rejected_and_said(robot: Robot, bench: Any) -> None:
+def test_a_chamber_alone_tells_its_own_edges_and_the_oil(robot: Robot, bench: Any) -> None:
     (lift,) = bench.fit(robot, 0.001, p_b=np.nan).cylinders
-    assert lift.rejected == "only one of its two chambers was recorded"
+    assert not lift.rejected
+    assert lift.unrecorded == "b"
+    assert lift.names == ("inverse_bulk_modulus", "c_pa", "c_at")
+    for name in lift.names[1:]:
+        assert lift.value(name)[0] == pytest.approx(bench.EDGES[name], rel=1e-3)
+    assert lift.bulk_modulus()[0] == pytest.approx(bench.BULK, rel=2e-3)
 
 
 def test_oil_that_is_barely_told_is_not_identified(robot: Robot, bench: Any) -> None:

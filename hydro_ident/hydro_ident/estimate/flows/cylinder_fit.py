@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -82,6 +83,8 @@ class CylinderFit:
         Effects' parameters at a bound, by column, with their own values.
     refused_bulk : RefusedBulk or None
         Where the bulk modulus alone cannot be used: the given one stands in its place.
+    unrecorded : {"", "a", "b"}
+        The chamber without a flow channel, whose edges stay as given.
     """
 
     cylinder: str
@@ -95,6 +98,7 @@ class CylinderFit:
     dof: FloatArray = field(default_factory=lambda: np.zeros(0))
     held: tuple[HeldPart, ...] = ()
     refused_bulk: RefusedBulk | None = None
+    unrecorded: Literal["", "a", "b"] = ""
 
     def value(self, name: str) -> tuple[float, float]:
         """A parameter and its standard deviation."""
@@ -147,11 +151,12 @@ def combined(fitted: Sequence[tuple[Chamber, FittedChamber]]) -> CylinderFit:
         np.asarray(theta, dtype=float),
         np.asarray(covariance, dtype=float),
         known,
-        "only one of its two chambers was recorded" if len(fits) < 2 else "",
+        "",
         tuple(fits),
         _combined_dof(fits, order),
+        unrecorded="" if len(fits) > 1 else "b" if chamber.side == "a" else "a",
     )
-    return found if found.rejected else _checked(found, chamber.cylinder.bulk_modulus_pa)
+    return _checked(found, chamber.cylinder.bulk_modulus_pa)
 
 
 def _combined_dof(fits: Sequence[ChamberFit], order: Sequence[str]) -> FloatArray:
