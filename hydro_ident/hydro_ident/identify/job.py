@@ -33,6 +33,7 @@ from hydro_ident.identify.survey import (
     merged_signals,
     still_joints_of,
     still_positions,
+    stuck_notes,
     survey_source,
 )
 from hydro_ident.parameters.parameters import student_95
@@ -121,6 +122,7 @@ class Job:
     def notes(self) -> tuple[str, ...]:
         """What is to be said of the recordings."""
         notes = apart_notes(self.seen) + update_notes((*self.sources, *self.others))
+        notes += stuck_notes(self.seen)
         for recording in (survey.recording for survey in self.seen):
             notes += [f"{recording.path.name}: {note}" for note in recording.notes]
             if recording.gaps:

@@ -101,6 +101,27 @@ def apart_notes(surveys: Iterable[Survey]) -> list[str]:
     return [f"{one.bag}: {one.key}: {one.text}" for one in recorded_apart(bags)]
 
 
+def stuck_notes(surveys: Sequence[Survey]) -> list[str]:
+    """Transducers of moving cylinders that read the same throughout, with what hangs on them."""
+    notes = []
+    for survey in surveys:
+        signals = survey.signals
+        robot, still = signals.robot, still_joints_of(signals.robot, signals)
+        for i, cylinder in enumerate(robot.cylinders):
+            if robot.joint_index(cylinder.joint) in still:
+                continue
+            for side, sensor in (("a", signals.p_a[i]), ("b", signals.p_b[i])):
+                if sensor.count and not sensor.smallest_change:
+                    joint = cylinder.joint
+                    notes.append(
+                        f"{survey.name}: {cylinder.name}/{side} read {1e-5 * sensor.mean:.4g} bar"
+                        f" (gauge) throughout, though {joint} moved: unless it is vented, its"
+                        f" transducer is stuck, and {joint}/force and {joint}/flow_{side} with all"
+                        " that is fitted from them are wrong; leave it out of the bag"
+                    )
+    return notes
+
+
 def by_torques(surveys: Sequence[Survey]) -> bool:
     """Whether forces are joint torques, as no pressure was recorded.
 
