@@ -36,17 +36,17 @@ Readings = Callable[[np.random.Generator, FloatArray], FloatArray]
 
 
 def white(size_pa: float) -> Readings:
-    """Noise of this deviation, independent from sample to sample."""
+    """Noise of a deviation of `size_pa`, independent from sample to sample."""
     return lambda rng, p: p + size_pa * rng.normal(size=p.shape)
 
 
 def rounded(size_pa: float) -> Readings:
-    """The same, rounded to 12 bits."""
+    """Noise of a deviation of `size_pa`, then rounding to 12 bits."""
     return lambda rng, p: STEP_PA * np.round(white(size_pa)(rng, p) / STEP_PA)
 
 
 def filtered(size_pa: float, corner_hz: float) -> Readings:
-    """Noise of this deviation behind a low-pass filter of first order."""
+    """Noise of a deviation of `size_pa` behind a low-pass of first order at `corner_hz`."""
     from scipy.signal import lfilter
 
     keep = float(np.exp(-2.0 * np.pi * corner_hz * STEP_S))
