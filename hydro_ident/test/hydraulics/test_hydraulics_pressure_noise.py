@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
+from hydro_ident.estimate.flows.chambers import WindowSettings
 from hydro_ident.estimate.signals.neighbours import neighbour_mean
 from hydro_ident.identify.identification import Settings, identify
 from hydro_ident.study.pressure_coverage import pressure_case, read, recorded, table
@@ -52,20 +53,32 @@ def test_neighbours_are_those_of_five_to_ten_milliseconds() -> None:
     values = np.zeros(41)
     values[20] = 1.0
     values[0] = np.nan
-    found = neighbour_mean(values, 0.002)
+    found = neighbour_mean(values, 0.002, 20)
     assert np.flatnonzero(found).tolist() == [15, 16, 17, 23, 24, 25]
     assert found[15] == pytest.approx(1.0 / 6.0)
-    assert neighbour_mean(values, 0.05)[19] == pytest.approx(0.5)
+    assert neighbour_mean(values, 0.02, 2)[19] == pytest.approx(0.5)
     # One side where there is no other; what has no neighbours stands for itself.
     ramp = np.arange(8.0)
-    assert neighbour_mean(ramp, 0.002)[0] == pytest.approx(4.0)
-    assert neighbour_mean(ramp[:2], 0.002).tolist() == [0.0, 1.0]
+    assert neighbour_mean(ramp, 0.002, 20)[0] == pytest.approx(4.0)
+    assert neighbour_mean(ramp[:2], 0.002, 20).tolist() == [0.0, 1.0]
 
 
 def test_neighbours_keep_the_motion_and_lose_the_noise() -> None:
     """A straight line stays; of white noise nothing of a sample's own is left."""
     time, rng = 0.002 * np.arange(4000), np.random.default_rng(2)
     noise = rng.normal(size=time.size)
-    found = neighbour_mean(3.0 * time + noise, 0.002)[10:-10]
+    found = neighbour_mean(3.0 * time + noise, 0.002, 20)[10:-10]
     assert np.std(found - 3.0 * time[10:-10]) == pytest.approx(6.0**-0.5, rel=0.05)
     assert abs(np.corrcoef(found - 3.0 * time[10:-10], noise[10:-10])[0, 1]) < 0.05
+
+
+@pytest.mark.parametrize("step_s", [0.002, 0.01, 0.02, 0.03, 0.1])
+def test_an_instrument_knows_nothing_of_the_noise_it_stands_for(step_s: float) -> None:
+    """At any rate, down to windows of one interval, whose ends are each other's neighbours."""
+    noise, span = np.random.default_rng(3).normal(size=20000), WindowSettings().span(step_s)
+    found = neighbour_mean(noise, step_s, span)
+    own, other = (v[span:] - v[:-span] for v in (noise, found))
+    assert abs(np.mean(own * other)) < 5.0 * np.std(own * other) / 20000**0.5
+    # Of what goes on over the window it is a part.
+    ramp = np.arange(400.0)
+    assert (np.diff(neighbour_mean(ramp, step_s, span)[20:-20]) > 0.5).all()

@@ -56,6 +56,10 @@ class WindowSettings:
     hop_s: float = 0.02
     max_delay_cycles: float = 1.0
 
+    def span(self, step_s: float) -> int:
+        """Sampling intervals in a window; `step_s`: the length of one."""
+        return max(1, round(self.length_s / step_s))
+
     def reaching(self, delay_s: float, step_s: float) -> WindowSettings:
         """The same, of delays up to this one at least.
 
@@ -176,7 +180,7 @@ def window_rows(
     """
     h = trace.step_s
     known = _signal_known(signal, windows.max_delay_cycles)
-    span = max(1, round(windows.length_s / h))
+    span = windows.span(h)
     hop = max(1, round(windows.hop_s / h))
     begin, end = trace.owned.start, min(trace.owned.stop, steps.shape[0] - span + 1)
     # Windows start on multiples of the hop in their recording, whatever pieces it comes in.

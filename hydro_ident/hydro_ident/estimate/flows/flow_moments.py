@@ -162,7 +162,9 @@ def gathered_rows(
     edges = [edge_integrals(chamber, trace, d * trace.step_s) for d in delay_nodes(windows)]
     columns = []
     for readings, more in zip(
-        (pressure, neighbour_mean(pressure, trace.step_s)), extra or (None, None), strict=True
+        (pressure, neighbour_mean(pressure, trace.step_s, windows.span(trace.step_s))),
+        extra or (None, None),
+        strict=True,
     ):
         columns += [-middle * np.diff(readings), *(() if more is None else more.T)]
     columns += [opening for opening, _ in edges] + [closing for _, closing in edges]
@@ -262,12 +264,13 @@ class FlowGatherer:
         listed, columns = self.extra(chamber, trace) if self.extra else ((), None)
         both = None
         if self.extra and columns is not None and listed:
-            both = columns, self.extra(chamber, _calm(trace))[1]
+            both = columns, self.extra(chamber, _calm(trace, windows))[1]
         rows = gathered_rows(chamber, trace, windows, both)
         return listed, rows if self.select is None else self.select(rows)
 
 
-def _calm(trace: Trace) -> Trace:
+def _calm(trace: Trace, windows: WindowSettings) -> Trace:
     """The trace with its chambers' pressures by their neighbours."""
-    p_a, p_b = (neighbour_mean(p, trace.step_s) for p in (trace.p_a, trace.p_b))
+    step_s, span = trace.step_s, windows.span(trace.step_s)
+    p_a, p_b = (neighbour_mean(p, step_s, span) for p in (trace.p_a, trace.p_b))
     return replace(trace, p_a=p_a, p_b=p_b)

@@ -14,8 +14,11 @@ from hydro_model.robot import FloatArray
 _NEAR_S, _FAR_S = 0.005, 0.010
 
 
-def neighbour_mean(values: FloatArray, step_s: float) -> FloatArray:
+def neighbour_mean(values: FloatArray, step_s: float, span: int) -> FloatArray:
     """Means of the samples 5 to 10 ms before and behind each, one of either side at least.
+
+    They are for differences over `span` intervals. Where that is one, either end is the other's
+    neighbour: the sample itself then counts, too, and drops out of the difference with it.
 
     Parameters
     ----------
@@ -23,6 +26,8 @@ def neighbour_mean(values: FloatArray, step_s: float) -> FloatArray:
         NaN where unknown.
     step_s : float
         Sampling interval.
+    span : int
+        From 1 on.
 
     Returns
     -------
@@ -33,7 +38,8 @@ def neighbour_mean(values: FloatArray, step_s: float) -> FloatArray:
     last = max(first, math.floor(_FAR_S / step_s + 1e-6))
     known = np.isfinite(values)
     filled = np.where(known, values, 0.0)
-    total, count = np.zeros_like(filled), np.zeros(values.shape)
+    itself = 1.0 if span == 1 else 0.0
+    total, count = itself * filled, itself * known
     for lag in range(first, min(last, len(values) - 1) + 1):
         total[lag:] += filled[:-lag]
         total[:-lag] += filled[lag:]
