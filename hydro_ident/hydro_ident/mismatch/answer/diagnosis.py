@@ -13,6 +13,7 @@ from hydro_ident.identify.survey import Survey, by_torques, recorded_notes, surv
 from hydro_ident.identify.verdict import BagLoss, losses_of, wrong_robot
 from hydro_ident.mismatch.answer.answering import STAGES, Answer, answered, base_to_search
 from hydro_ident.mismatch.answer.channel_results import channels_of, rows_of_training
+from hydro_ident.mismatch.answer.hardly_shows import hardly_notes, parted_hardly
 from hydro_ident.mismatch.answer.minor import minor_notes, parted, parted_unknown
 from hydro_ident.mismatch.answer.not_testable import not_testable
 from hydro_ident.mismatch.answer.notes import (
@@ -155,16 +156,18 @@ def _diagnosed(
     findings, constants = parted_rails(work, answer.findings)
     findings, minor = parted(work.robot, findings, whole.deviations)
     channels = channels_of(work, whole, work.check)
+    findings, hardly = parted_hardly(work, findings, channels)
     unknown, small = parted_unknown(answer.unknown, channels)
     notes = [*data_notes(work), *modelled.notes, *run.rejected]
     notes += rail_notes(work.robot, constants) + minor_notes(work.robot, minor, whole.deviations)
+    notes += hardly_notes(hardly)
     notes += [refined.note] if refined is not None else []
     notes += small
     notes += listed_notes(work.robot, whole) + as_listed_notes(whole, work.training)
     notes += bristle_notes(work.training, whole)
     notes += search_notes(search, whole, rejected, taken) + silent_notes(findings)
     ratios = apart(work, whole, channels)
-    told = {name for f in (*findings, *minor, *constants) for name in f.channels}
+    told = {name for f in (*findings, *minor, *hardly, *constants) for name in f.channels}
     told |= {one.channel for one in unknown}
     untold = {name: ratio for name, ratio in ratios.items() if name not in told}
     notes += left_notes(channels) + apart_notes(untold) + unverified_notes(work, channels)
