@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
+from hydro_ident.mismatch.fitting.slopes import slopes_at, start_at
+from hydro_ident.mismatch.fitting.stepping import with_values
 from hydro_ident.mismatch.fitting.training import start_model
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
 from hydro_ident.mismatch.rows.rests import moving_rows
@@ -73,6 +75,35 @@ def test_the_true_laws_leave_nothing(in_series: tuple[Predictor, Model]) -> None
             continue
         own = predictor.contribution(model, term)[rows]
         assert left.std() < 0.03 * own.std(), term.effect.name
+
+
+@pytest.mark.parametrize("machine", ["in_series", "on_soft_rails"])
+def test_a_fit_starts_from_the_prediction_itself(
+    machine: str, request: pytest.FixtureRequest
+) -> None:
+    """Contributions of laws in series, added up, count twice what they leave each other."""
+    predictor, model = request.getfixturevalue(machine)
+    start, rows = start_at(predictor, model), _moving(predictor)
+    whole = predictor.residual(model)
+    assert start.residual == pytest.approx(whole, rel=1e-9, abs=1e-9 * float(np.ptp(whole)))
+    added = [v for v in start.own if v is not None]
+    assert np.std((sum(added) - sum(v for v in start.shares if v is not None))[rows]) > (
+        10.0 * whole[rows].std()
+    )
+
+
+def test_slopes_of_edges_have_what_laws_in_series_make_of_them(
+    in_series: tuple[Predictor, Model],
+) -> None:
+    predictor, model = in_series
+    columns, names = slopes_at(predictor, start_at(predictor, model))
+    rows, valve = _moving(predictor), model.robot.valves[0]
+    for edge in ("c_pa", "c_bt"):
+        name, step = f"lift_valve.{edge}", 1e-4 * getattr(valve, edge)
+        wider = with_values(model.robot, {name: getattr(valve, edge) + step})
+        later = predictor.residual(replace(model, robot=wider))
+        change = ((predictor.residual(model) - later) / step)[rows]
+        assert np.std(change - columns[rows, names.index(name)]) < 1e-3 * np.std(change), edge
 
 
 def test_what_a_law_gains_beside_others_is_what_it_leaves_out(

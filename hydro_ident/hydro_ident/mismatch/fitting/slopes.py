@@ -34,12 +34,15 @@ class Start:
         Base columns.
     own : tuple of (N,) array or None
         What each of the model's terms contributes; None of those that are in its signals.
+    shares : tuple of (N,) array or None
+        What of it is each one's own share of the prediction.
     """
 
     model: Model
     residual: FloatArray
     base: FloatArray
     own: tuple[FloatArray | None, ...]
+    shares: tuple[FloatArray | None, ...]
 
 
 def start_at(predictor: Predictor, model: Model) -> Start:
@@ -57,11 +60,15 @@ def start_at(predictor: Predictor, model: Model) -> Start:
     y, x = predictor.base(model)
     residual = y - x @ predictor.parameters(model)
     own = tuple(None if on_signals(t) else predictor.contribution(model, t) for t in model.terms)
-    for term, values in zip(model.terms, own, strict=True):
+    shares = tuple(
+        predictor.share(model, term) if values is not None and term.effect.needs_valve else values
+        for term, values in zip(model.terms, own, strict=True)
+    )
+    for term, values in zip(model.terms, shares, strict=True):
         if values is not None and not shapes(term):
             residual = residual - values
     residual = residual + said_twice(predictor.signals, model)
-    return Start(model, residual, x, own)
+    return Start(model, residual, x, own, shares)
 
 
 def slopes_at(predictor: Predictor, start: Start) -> tuple[FloatArray, tuple[str, ...]]:
@@ -89,12 +96,12 @@ def slopes_at(predictor: Predictor, start: Start) -> tuple[FloatArray, tuple[str
 def _with_laws(predictor: Predictor, start: Start) -> FloatArray:
     """Base columns, those of delays and edges with what laws of the valve make of them."""
     model, base = start.model, start.base
-    for term, own in zip(model.terms, start.own, strict=True):
-        if own is None or not looks_at_valve(term):
+    for term, share in zip(model.terms, start.shares, strict=True):
+        if share is None or not looks_at_valve(term):
             continue
         base = base.copy() if base is start.base else base
         for at, step, moved in _moved_valves(predictor, model, term):
-            base[:, at] += (predictor.contribution(moved, term) - own) / step
+            base[:, at] += (predictor.share(moved, term) - share) / step
     return base
 
 

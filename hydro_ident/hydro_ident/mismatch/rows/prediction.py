@@ -105,7 +105,7 @@ class Predictor:
 
     def residual(self, model: Model) -> FloatArray:
         """Measured less predicted values, (N,)."""
-        return self._less(model, self._share)
+        return self._less(model, self.share)
 
     def contribution(
         self, model: Model, one: ActiveEffect, parameters: FloatArray | None = None
@@ -129,8 +129,18 @@ class Predictor:
         swung = under_way(self.signals, without, one, self._beside(without), result)
         return np.asarray(result + swung)
 
-    def _share(self, model: Model, one: ActiveEffect) -> FloatArray:
-        """What an effect of a model adds to its prediction itself, (N,)."""
+    def share(self, model: Model, one: ActiveEffect) -> FloatArray:
+        """What an effect of a model adds to its prediction itself, (N,).
+
+        Shares of all effects that are not in its signals are, with the base, the prediction;
+        contributions of laws in series hold what each leaves the others to restrict as well.
+
+        Parameters
+        ----------
+        model : Model
+            With the effect.
+        one : ActiveEffect
+        """
         if one.effect.known_torques is not None:
             return self.contribution(model, one)
         return own_share(self.signals, model, one)
