@@ -18,8 +18,9 @@ from hydro_ident.mismatch.trials.exclusion import rival
 from hydro_model.effects.targets import ActiveEffect
 
 _ROUNDS = 3
-#: Share (of squares) of what a finding alone explained from which what was found since leaves it
-#: alone, and factor by which its own size may have changed.
+#: Share (of squares) of what a finding alone explains from which what was found since leaves it as
+#: it was, and factor by which its own size may have changed: what others could do more of, or what
+#: they have halved, is another finding's, and is weighed anew.
 _KEPT, _SIZE = 0.5, 2.0
 
 
@@ -111,22 +112,20 @@ class Revision:
         """
         if len(_near(one)) > 1 or one.alike:
             return False
-        predictor, mask = self._training.predictor, self._training.mask
-        model = current.model
+        model, mask = current.model, self._training.mask
         own = [t for t in model.terms if same(t, one.term)]
-        then, now = (
-            sum((predictor.contribution(model, t)[mask] for t in terms), np.zeros(int(mask.sum())))
-            for terms in ([one.modelled.term], own)
-        )
-        ratio = float(np.linalg.norm(now)) / max(float(np.linalg.norm(then)), 1e-300)
-        if not 1.0 / _SIZE <= ratio <= _SIZE:
-            return False
+        contribution = self._training.predictor.contribution
+        then_and_now = [contribution(model, t)[mask] for t in (one.modelled.term, *own)]
+        columns = np.stack([then_and_now[0], then_and_now[-1]], axis=1)
         later = [n.modelled.term for n in named[named.index(one) + 1 :]]
         alone, beside = (
-            float(np.sum(self._bench_without(current, terms).beyond(now[:, None]) ** 2))
+            np.sum(self._bench_without(current, terms).beyond(columns) ** 2, axis=0)
             for terms in ([*own, *later], own)
         )
-        return beside >= _KEPT * alone
+        kept = float(beside[1]) / max(float(alone[1]), 1e-300)
+        alike = float(alone[0]) / _SIZE**2 <= float(alone[1]) <= float(alone[0]) * _SIZE**2
+        best = one.modelled
+        return alike and kept >= _KEPT and 0.5 * kept * best.held_out / one.spread > best.cost
 
     def _bench_without(self, current: Fitted, terms: Sequence[ActiveEffect]) -> Bench:
         """Rows of a fit whose columns are those of all but some of its effects."""
