@@ -53,7 +53,12 @@ def _hardly_shows(work: Residuals, finding: Finding) -> bool:
 
 
 def hardly_notes(hardly: Sequence[Finding]) -> list[str]:
-    """What they are, in words."""
+    """What they are, in words.
+
+    Parameters
+    ----------
+    hardly : sequence of Finding
+    """
     return [
         f"{f.named.term.effect.name} of {f.named.term.target} is there or something like it, but"
         f" takes less than {_HELD_OUT:.0%} out of the squares of held-out rows of"
