@@ -12,7 +12,7 @@ from hydro_model.robot import FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Limits:
-    """Between which coefficients lie; 0 is among what is allowed.
+    """Between which coefficients lie.
 
     Attributes
     ----------
@@ -37,11 +37,12 @@ def solved_within(rows: FloatArray, wanted: FloatArray, limits: Limits) -> Float
     Returns
     -------
     (p,) array
-        0 where both limits are.
+        Where both limits are one, that.
     """
-    theta = np.zeros(rows.shape[1])
     free = limits.upper > limits.lower
+    theta = np.where(free, 0.0, limits.lower)
     if free.any():
         ends = (limits.lower[free], limits.upper[free])
-        theta[free] = lsq_linear(rows[:, free], wanted, ends, method="bvls").x
+        left = wanted - rows @ theta
+        theta[free] = lsq_linear(rows[:, free], left, ends, method="bvls").x
     return theta
