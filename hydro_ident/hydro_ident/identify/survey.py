@@ -102,16 +102,17 @@ def apart_notes(surveys: Iterable[Survey]) -> list[str]:
 
 
 def stuck_notes(surveys: Sequence[Survey]) -> list[str]:
-    """Transducers of moving cylinders that read the same throughout, with what hangs on them."""
+    """Transducers that read the same all the while their cylinders moved, with what hangs on them.
+
+    A pressure that was read at rest alone has no reason to change.
+    """
     notes = []
     for survey in surveys:
         signals = survey.signals
-        robot, still = signals.robot, still_joints_of(signals.robot, signals)
-        for i, cylinder in enumerate(robot.cylinders):
-            if robot.joint_index(cylinder.joint) in still:
-                continue
-            for side, sensor in (("a", signals.p_a[i]), ("b", signals.p_b[i])):
-                if sensor.count and not sensor.smallest_change:
+        for i, cylinder in enumerate(signals.robot.cylinders):
+            moved = _moved_while_read(signals, i)
+            for k, (side, sensor) in enumerate((("a", signals.p_a[i]), ("b", signals.p_b[i]))):
+                if moved[k] and sensor.count and not sensor.smallest_change:
                     joint = cylinder.joint
                     notes.append(
                         f"{survey.name}: {cylinder.name}/{side} read {1e-5 * sensor.mean:.4g} bar"
@@ -120,6 +121,19 @@ def stuck_notes(surveys: Sequence[Survey]) -> list[str]:
                         " that is fitted from them are wrong; leave it out of the bag"
                     )
     return notes
+
+
+def _moved_while_read(signals: SignalSurvey, index: int) -> tuple[bool, bool]:
+    """Whether a piston went further than one that stands still while each chamber was read.
+
+    By its own stroke, whatever is known of other joints.
+    """
+    robot = signals.robot
+    joint = robot.joint_index(robot.cylinders[index].joint)
+    # A stroke without an angle has no lever.
+    least = float(least_travel(robot)[joint]) * (signals.mean_arm(index) or 1.0)
+    travel = signals.longest[index] - signals.shortest[index]
+    return bool(travel[0] >= least), bool(travel[1] >= least)
 
 
 def by_torques(surveys: Sequence[Survey]) -> bool:

@@ -7,7 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.signals.traces import traces_of
 from hydro_ident.identify.identification import Identification, identify
+from hydro_ident.identify.survey import Survey, stuck_notes
 from hydro_model.robot_files import load_robot
 
 pytestmark = pytest.mark.needs("clarabel")
@@ -21,3 +24,23 @@ def test_a_transducer_that_stands_still_is_said(clean: Any, found: Identificatio
     assert "lift_cylinder/b read 50 bar (gauge) throughout, though lift moved" in note
     assert "lift/force and lift/flow_b" in note
     assert not [n for n in found.notes if "throughout, though" in n]
+
+
+def _said(run: Any, **channels: Any) -> list[str]:
+    recording = run.recording(**channels)
+    signals = SignalSurvey.of(load_robot("xs031"), traces_of([recording]))
+    return stuck_notes([Survey("bag", recording, 18.0, signals)])
+
+
+def test_a_pressure_that_was_read_at_rest_alone_is_not_called_stuck(clean: Any) -> None:
+    p_b = clean.p_b.copy()
+    p_b[:20, 0], p_b[20:, 0] = 5.0e6, np.nan
+    assert _said(clean, p_b=p_b) == []
+
+
+def test_a_stuck_transducer_is_said_beside_a_joint_without_angles(clean: Any) -> None:
+    q, p_b = np.where([False, True], np.nan, clean.q), np.where([True, False], 5.0e6, clean.p_b)
+    (note,) = _said(clean, p_b=p_b, q=q)
+    assert note.startswith(
+        "bag: lift_cylinder/b read 50 bar (gauge) throughout, though lift moved"
+    )

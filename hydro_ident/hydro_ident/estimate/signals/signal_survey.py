@@ -150,6 +150,8 @@ class SignalSurvey:
         Sum of the chambers' volumes.
     samples : (m,) array
         Behind `arm` and `volume`.
+    shortest, longest : (m, 2) array
+        Range of the strokes while chambers a and b were read; infinite where they never were.
     seconds : dict of float to float
         Recorded time by sampling interval.
     """
@@ -167,6 +169,8 @@ class SignalSurvey:
     arm: FloatArray = field(init=False)
     volume: FloatArray = field(init=False)
     samples: FloatArray = field(init=False)
+    shortest: FloatArray = field(init=False)
+    longest: FloatArray = field(init=False)
     seconds: dict[float, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -177,6 +181,7 @@ class SignalSurvey:
         self.low, self.high = np.full(dof, np.inf), np.full(dof, -np.inf)
         self.arm, self.samples = np.zeros(cylinders), np.zeros(cylinders)
         self.volume = np.zeros((cylinders, 2))
+        self.shortest, self.longest = (np.full((cylinders, 2), b) for b in (np.inf, -np.inf))
 
     @staticmethod
     def of(robot: Robot, traces: Iterable[Trace]) -> SignalSurvey:
@@ -205,6 +210,10 @@ class SignalSurvey:
             volumes = chamber_volumes(cylinder, strokes[known])
             self.volume[i] += [float(v.sum()) for v in volumes]
             self.samples[i] += float(known.sum())
+            for side, pressure in enumerate((trace.p_a[own, i], trace.p_b[own, i])):
+                seen = strokes[known & np.isfinite(pressure)]
+                self.shortest[i, side] = np.min(seen, initial=self.shortest[i, side])
+                self.longest[i, side] = np.max(seen, initial=self.longest[i, side])
 
     def _add_others(self, trace: Trace) -> None:
         """Efforts, strokes and rails, as far as an equation uses them."""
@@ -228,6 +237,8 @@ class SignalSurvey:
         self.low, self.high = np.minimum(self.low, other.low), np.maximum(self.high, other.high)
         self.arm, self.volume = self.arm + other.arm, self.volume + other.volume
         self.samples = self.samples + other.samples
+        self.shortest = np.minimum(self.shortest, other.shortest)
+        self.longest = np.maximum(self.longest, other.longest)
         for step_s, seconds in other.seconds.items():
             self._add_time(step_s, seconds)
 
