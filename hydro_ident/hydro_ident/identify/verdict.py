@@ -181,7 +181,7 @@ def _force_problems(
     """Problems of the force channels, and whether there is enough for a model."""
     # Edges whose chambers tell no bulk modulus are of little motion.
     usable = hydraulic is not None and any(
-        not c.rejected and c.refused_bulk is None and not c.unrecorded for c in hydraulic.cylinders
+        not c.rejected and c.refused_bulk is None and not c.unfitted for c in hydraulic.cylinders
     )
     if inertial is None:
         return [_no_forces(robot, recordings, continuities)], usable
@@ -268,9 +268,9 @@ def _hydraulic_problems(
         name = valve.cylinder
         if name not in fitted:
             problems.append(
-                f"hydraulics of {name} rejected, the robot file's kept: no flow channel was"
-                f" recorded, so that {name}.bulk_modulus and the edges of {valve.name} cannot be"
-                " identified; record its valve voltage, both pressures and its position"
+                f"hydraulics of {name} rejected, the robot file's kept: no flow channel gave"
+                f" enough windows, so that {name}.bulk_modulus and the edges of {valve.name}"
+                " cannot be identified; record its valve voltage, both pressures and its position"
             )
         elif why := fitted[name].rejected:
             problems.append(f"hydraulics of {name} rejected, the robot file's kept: {why}")
@@ -293,14 +293,15 @@ def _hydraulic_problems(
 
 
 def _one_chamber(robot: Robot, fit: CylinderFit | None) -> list[str]:
-    """What stays as given of a cylinder of which one chamber alone was recorded."""
-    if fit is None or fit.rejected or not fit.unrecorded:
+    """What stays as given of a cylinder of which one chamber alone was fitted."""
+    if fit is None or fit.rejected or not fit.unfitted:
         return []
-    lost = [f"{fit.valve}.{edge}" for edge in EDGES[fit.unrecorded]]
+    lost = [f"{fit.valve}.{edge}" for edge in EDGES[fit.unfitted]]
+    told = [f"{fit.cylinder}.bulk_modulus and"] if fit.refused_bulk is None else []
     joint = robot.cylinder(fit.cylinder).joint
     return [
-        f"{joint}/flow_{fit.unrecorded} was not recorded: {' and '.join(lost)} stay the robot"
-        f" file's; {fit.cylinder}.bulk_modulus and the other edges are of one chamber alone"
+        f"{joint}/flow_{fit.unfitted} gave no or too few windows: {' and '.join(lost)} stay the"
+        f" robot file's; {' '.join([*told, 'the other edges'])} are of one chamber alone"
     ]
 
 

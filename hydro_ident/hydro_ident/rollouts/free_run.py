@@ -166,10 +166,13 @@ def _stop_notes(robot: Robot, traces: Sequence[Trace]) -> list[str]:
 
 def no_free_run(robot: Robot, hydraulic: HydraulicFit | None) -> str:
     """Why an identified robot is not to be rolled out; empty where it is."""
-    fits = hydraulic.cylinders if hydraulic else ()
-    good = {c.cylinder for c in fits if not c.rejected and not c.unrecorded}
-    bad = [c.name for c in robot.cylinders if c.name not in good]
-    return f"hydraulics of {', '.join(bad)} were not identified" if bad else ""
+    fits = {c.cylinder: c for c in hydraulic.cylinders if not c.rejected} if hydraulic else {}
+    bad = [c.name for c in robot.cylinders if c.name not in fits]
+    half = [name for name, fit in fits.items() if fit.unfitted]
+    said = [f"hydraulics of {', '.join(bad)} were not identified"] if bad else []
+    if half:
+        said.append(f"hydraulics of {', '.join(half)} were identified of one chamber alone")
+    return "; ".join(said)
 
 
 def _beginnings(pieces: Sequence[Piece]) -> list[Piece]:

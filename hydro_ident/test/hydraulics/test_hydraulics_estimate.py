@@ -106,7 +106,7 @@ def test_windows_that_touch_a_latched_span_are_left_out(robot: Robot, bench: Any
 def test_a_chamber_alone_tells_its_own_edges_and_the_oil(robot: Robot, bench: Any) -> None:
     (lift,) = bench.fit(robot, 0.001, p_b=np.nan).cylinders
     assert not lift.rejected
-    assert lift.unrecorded == "b"
+    assert lift.unfitted == "b"
     assert lift.names == ("inverse_bulk_modulus", "c_pa", "c_at")
     for name in lift.names[1:]:
         assert lift.value(name)[0] == pytest.approx(bench.EDGES[name], rel=1e-3)

@@ -83,8 +83,8 @@ class CylinderFit:
         Effects' parameters at a bound, by column, with their own values.
     refused_bulk : RefusedBulk or None
         Where the bulk modulus alone cannot be used: the given one stands in its place.
-    unrecorded : {"", "a", "b"}
-        The chamber without a flow channel, whose edges stay as given.
+    unfitted : {"", "a", "b"}
+        The chamber that gave no or too few windows, whose edges stay as given.
     """
 
     cylinder: str
@@ -98,7 +98,7 @@ class CylinderFit:
     dof: FloatArray = field(default_factory=lambda: np.zeros(0))
     held: tuple[HeldPart, ...] = ()
     refused_bulk: RefusedBulk | None = None
-    unrecorded: Literal["", "a", "b"] = ""
+    unfitted: Literal["", "a", "b"] = ""
 
     def value(self, name: str) -> tuple[float, float]:
         """A parameter and its standard deviation."""
@@ -154,7 +154,7 @@ def combined(fitted: Sequence[tuple[Chamber, FittedChamber]]) -> CylinderFit:
         "",
         tuple(fits),
         _combined_dof(fits, order),
-        unrecorded="" if len(fits) > 1 else "b" if chamber.side == "a" else "a",
+        unfitted="" if len(fits) > 1 else "b" if chamber.side == "a" else "a",
     )
     return _checked(found, chamber.cylinder.bulk_modulus_pa)
 
