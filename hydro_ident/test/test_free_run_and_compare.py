@@ -14,6 +14,7 @@ import yaml
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.commands.identify import run
 from hydro_ident.errors import IdentError
+from hydro_ident.estimate.forces.force_rows import force_model
 from hydro_ident.estimate.scoring.scores import HoldOut
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import traces_of
@@ -21,7 +22,7 @@ from hydro_ident.identify.compare import LEVEL, compare
 from hydro_ident.parameters.parameters import Parameter
 from hydro_ident.rollouts.free_run import free_run
 from hydro_ident.rollouts.rollout_windows import rolled_out, usable_pieces
-from hydro_model.robot import EffectSpec, Robot
+from hydro_model.robot import BaseParameter, EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
 WHOLE = HoldOut(every=0)
@@ -249,7 +250,10 @@ def test_a_model_of_another_machine_is_refused(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(("field", "off"), [("bore_m", 0.01), ("l1_m", 2e-3), ("q0_rad", 0.02)])
+@pytest.mark.parametrize(
+    ("field", "off"),
+    [("bore_m", 2e-5), ("l1_m", 2e-3), ("q0_rad", 0.02), ("child_pin_angle_rad", 0.3)],
+)
 def test_another_cylinder_under_the_same_name_is_refused(field: str, off: float) -> None:
     robot = load_robot("xs031")
     lift, tilt = robot.cylinders
@@ -259,6 +263,45 @@ def test_another_cylinder_under_the_same_name_is_refused(field: str, off: float)
     # Oil, friction and bodies are what is compared.
     changed = replace(lift, bulk_modulus_pa=9e8, viscous_friction=1.0, barrel=None)
     assert not compare(replace(robot, cylinders=(changed, tilt)), robot, [], "old").changes
+
+
+def _parameters(robot: Robot) -> list[Parameter]:
+    base = force_model(robot).base
+    return [
+        replace(parameter(name, 1.0), combination=base.coefficients(i))
+        for i, name in enumerate(base.names)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("field", "off"), [("q0_rad", 2e-6), ("q0_rad", 5e-4), ("child_pin_angle_rad", 5e-4)]
+)
+def test_pins_calibrated_again_are_compared_and_said(field: str, off: float) -> None:
+    robot = load_robot("xs031")
+    lift, tilt = robot.cylinders
+    moved = replace(tilt, **{field: getattr(tilt, field) + off})
+    old = replace(robot, cylinders=(lift, moved))
+    base = [BaseParameter(p.name, p.combination, 1.0) for p in _parameters(old)]
+    found = compare(replace(old, base_parameters=tuple(base)), robot, _parameters(robot), "old")
+    assert len(found.changes) == len(base)
+    [note] = [n for n in found.notes if "near enough" in n]
+    here, there = (getattr(c, field) for c in (tilt, moved))
+    assert note.startswith(f"tilt_cylinder: {field} {here:.9g}, {there:.9g} there (old)")
+
+
+@pytest.mark.parametrize("field", ["bore_m", "x0_m"])
+def test_micrometres_are_the_same_cylinder(field: str) -> None:
+    robot = load_robot("xs031")
+    lift, tilt = robot.cylinders
+    other = replace(lift, **{field: getattr(lift, field) + 2e-6})
+    compare(replace(robot, cylinders=(other, tilt)), robot, [], "old")
+
+
+def test_the_pins_direction_counts_where_bodies_hang_on_it(robot: Robot) -> None:
+    bare = [replace(c, barrel=None, rod=None) for c in robot.cylinders]
+    turned = [replace(c, child_pin_angle_rad=c.child_pin_angle_rad + 0.3) for c in bare]
+    old, new = (replace(robot, cylinders=tuple(some)) for some in (turned, bare))
+    assert not compare(old, new, [], "old").notes
 
 
 @pytest.mark.needs("clarabel")

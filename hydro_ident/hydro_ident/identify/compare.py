@@ -183,9 +183,9 @@ def compare(
     IdentError
         The earlier model is of another machine.
     """
-    check_same_machine(old, new, label, parameters)
+    near = check_same_machine(old, new, label, parameters)
     sides = sides or Sides()
-    notes = _same_bags(sides, label)
+    notes = [*near, *_same_bags(sides, label)]
     changes = []
     # What an identified model gives no deviation for, it has from its own robot file.
     identified = old.base_covariance is not None or bool(old.standard_deviations)
