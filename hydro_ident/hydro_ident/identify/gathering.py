@@ -228,7 +228,7 @@ def score_source(source: Source, plan: ScorePlan, scored: bool, trained: bool) -
     keeper = ScoreKeeper(plan, scored, trained)
     comparison, cleaned = None, dict[str, int]()
     if trained and plan.hydraulic is not None:
-        comparison = SummedFlow(plan.robot, plan.hydraulic.delay_s, plan.hydraulic.windows)
+        comparison = SummedFlow(plan.robot, plan.hydraulic.delay_of, plan.hydraulic.windows)
     for piece in source.pieces(overlap_s=overlap_s(plan.filters)):
         for trace in _traces(piece, plan.cleaner, cleaned):
             keeper.add(trace)

@@ -135,7 +135,7 @@ def test_a_latched_valve_shuts_and_a_lost_message_does_not(robot: Robot, bench: 
 
 
 def _compared(robot: Robot, trace: Trace) -> SummedComparison:
-    summed = SummedFlow(robot, 0.001, WindowSettings())
+    summed = SummedFlow(robot, lambda _: 0.001, WindowSettings())
     half = trace.samples // 2
     for piece in (slice(0, half), slice(half, None)):
         arrays = ("time_s", "q", "stroke", "p_a", "p_b", "supply", "tank", "valve_signal")
@@ -178,7 +178,7 @@ def test_separate_chambers_are_better_conditioned_and_less_wrong_in_noise(
 
 def test_no_comparison_where_a_chamber_is_missing(robot: Robot, bench: Any) -> None:
     trace = bench.run(robot, 2.0)
-    summed = SummedFlow(robot, 0.001, WindowSettings())
+    summed = SummedFlow(robot, lambda _: 0.001, WindowSettings())
     summed.add(replace(trace, p_b=np.full_like(trace.p_b, np.nan)))
     assert summed.result() == ()
     summed.add(replace(trace, p_b=np.full_like(trace.p_b, np.nan)))

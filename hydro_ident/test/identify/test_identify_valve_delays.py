@@ -71,6 +71,11 @@ def test_delays_that_differ_are_said(apart: Any) -> None:
     assert "tilt_valve 0.4" in note
     assert found.robot is not None
     assert COMMON_S < found.robot.command_delay_s < COMMON_S + LATER_S
+    # Eq. 14 beside the chambers: each cylinder's at its own valve's delay.
+    for true, one in zip(apart.robot.cylinders, found.summed, strict=True):
+        for chamber in (one.chamber_a, one.chamber_b):
+            modulus = 1.0 / chamber.theta[chamber.names.index("inverse_bulk_modulus")]
+            assert modulus == pytest.approx(true.bulk_modulus_pa, rel=0.004)
 
 
 def test_valves_that_agree_have_one_delay(run_of: Callable[..., Any]) -> None:

@@ -12,7 +12,7 @@ sign of u (P-A with B-T, A-T with P-B) then have columns that differ by the pres
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -157,15 +157,19 @@ class SummedFlow:
     Parameters
     ----------
     robot : Robot
-    delay_s : float
-        Command delay, as fitted.
+    delay_of : callable
+        Command delay in s, as fitted, of a valve by its name.
     windows : WindowSettings
     """
 
-    def __init__(self, robot: Robot, delay_s: float, windows: WindowSettings) -> None:
-        self._delay_s, self._windows = delay_s, windows
+    def __init__(
+        self, robot: Robot, delay_of: Callable[[str], float], windows: WindowSettings
+    ) -> None:
+        self._windows = windows
         chambers = chambers_of(robot)
         self._pairs = list(zip(chambers[::2], chambers[1::2], strict=True))
+        # Numbers, as sums travel between processes.
+        self._delays_s = [delay_of(a.valve.name) for a, _ in self._pairs]
         self._sums = [
             (_Normal.of(SUMMED_NAMES), *(_Normal.of((INVERSE_BULK, *c.edges)) for c in pair))
             for pair in self._pairs
@@ -179,10 +183,11 @@ class SummedFlow:
         trace : Trace
             Its valve signal as the fit of the chambers had it.
         """
-        for pair, (summed, *separate) in zip(self._pairs, self._sums, strict=True):
-            summed.add(summed_rows(pair, trace, self._delay_s, self._windows))
+        each = zip(self._pairs, self._delays_s, self._sums, strict=True)
+        for pair, delay_s, (summed, *separate) in each:
+            summed.add(summed_rows(pair, trace, delay_s, self._windows))
             for chamber, normal in zip(pair, separate, strict=True):
-                normal.add(chamber_rows(chamber, trace, self._delay_s, self._windows))
+                normal.add(chamber_rows(chamber, trace, delay_s, self._windows))
 
     def merge(self, other: SummedFlow) -> None:
         """Take in what another recording gave."""
