@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
 from hydro_ident.estimate.flows.chambers import WindowSettings
+from hydro_ident.estimate.flows.delay import fit_delay
+from hydro_ident.estimate.flows.delay_steps import delay_step, gathered_chambers
+from hydro_ident.estimate.flows.flow_moments import FlowGatherer
 from hydro_ident.estimate.signals.neighbours import neighbour_mean
+from hydro_ident.estimate.statistics.regression import solve_ols
 from hydro_ident.identify.identification import Settings, identify
 from hydro_ident.study.pressure_coverage import pressure_case, read, recorded, table
 from hydro_model.robot import Robot
@@ -82,3 +89,23 @@ def test_an_instrument_knows_nothing_of_the_noise_it_stands_for(step_s: float) -
     # Of what goes on over the window it is a part.
     ramp = np.arange(400.0)
     assert (np.diff(neighbour_mean(ramp, step_s, span)[20:-20]) > 0.5).all()
+
+
+def test_ordinary_least_squares_have_no_instrument_for_the_delay_either(
+    robot: Robot, bench: Any
+) -> None:
+    """Where the delay is left, no chamber's slope in it asks for more of the same estimator."""
+    trace, rng = bench.run(robot), np.random.default_rng(2)
+    noise = 2.0e4 * rng.normal(size=(2, *trace.p_a.shape))
+    noisy = replace(trace, p_a=trace.p_a + noise[0], p_b=trace.p_b + noise[1])
+    gathered = FlowGatherer(robot, "synthetic", WindowSettings(), longest_s=trace.step_s)
+    gathered.add(noisy)
+    found = fit_delay(robot, [gathered], solve_ols)
+    assert found is not None
+    total, moved = 0.0, 0.0
+    for chamber in gathered_chambers(robot, [gathered]).values():
+        step = delay_step(chamber, found.delay_s, solve_ols)
+        more = solve_ols(chamber.with_slope(found.delay_s, step.plain.theta)).theta[-1]
+        total += 1.0 / step.variance
+        moved += more * trace.step_s / step.variance
+    assert abs(moved / total) < 1e-3 / np.sqrt(total)

@@ -22,6 +22,7 @@ from hydro_ident.estimate.flows.delay_steps import (
     coarse_delay,
     delay_step,
     gathered_chambers,
+    under_weights,
     with_shared_delay,
 )
 from hydro_ident.estimate.flows.flow_moments import FlowGatherer
@@ -29,11 +30,7 @@ from hydro_ident.estimate.flows.rail_constants import RailConstant, rail_constan
 from hydro_ident.estimate.forces.bounds import DEVIATIONS
 from hydro_ident.estimate.statistics.blocks import Blocks
 from hydro_ident.estimate.statistics.least_squares import Fit, fit_of_solution
-from hydro_ident.estimate.statistics.regression import (
-    Solution,
-    instrumental_parameters,
-    solve_iv,
-)
+from hydro_ident.estimate.statistics.regression import Solution, solve_iv
 from hydro_model.robot import FloatArray, Robot
 
 __all__ = ["DelayFit", "FittedChamber", "Solve", "ValveDelay", "fit_delay"]
@@ -243,7 +240,7 @@ def _settled(
         information = {name: 1.0 / s.variance for name, s in steps.items()}
         if sum(information.values()) <= 0.0:
             break
-        delay_s, beyond = _stepped(chambers, (weights, information), delay_s, limits)
+        delay_s, beyond = _stepped(chambers, (weights, information), delay_s, limits, solve)
         steps = {name: delay_step(c, delay_s, solve) for name, c in chambers.items()}
     return _Group(chambers, delay_s, beyond, steps)
 
@@ -253,15 +250,16 @@ def _stepped(
     known: tuple[Mapping[str, FloatArray], Mapping[str, float]],
     delay_s: float,
     limits: _Range,
+    solve: Solve,
 ) -> tuple[float, float]:
     """Gauss-Newton steps, averaged by given shares, until the delay stays, and the step left."""
-    weights, information = known
+    (weights, information), parameters = known, under_weights(solve)
     total, beyond = sum(information.values()), 0.0
     for _ in range(_STEPS):
         move = 0.0
         for name, chamber in chambers.items():
-            theta = instrumental_parameters(chamber.blocks(delay_s), weights[name])
-            both = instrumental_parameters(chamber.with_slope(delay_s, theta), weights[name])
+            theta = parameters(chamber.blocks(delay_s), weights[name])
+            both = parameters(chamber.with_slope(delay_s, theta), weights[name])
             move += float(both[-1]) * chamber.parts[0].step_s * information[name] / total
         moved = min(max(delay_s + move, 0.0), limits.longest_s)
         beyond = delay_s + move - moved

@@ -17,7 +17,13 @@ from hydro_ident.estimate.flows.flow_moments import (
     instruments,
 )
 from hydro_ident.estimate.statistics.blocks import Blocks, blocks_of
-from hydro_ident.estimate.statistics.regression import Solution, instrumental_parameters, misfit
+from hydro_ident.estimate.statistics.regression import (
+    Solution,
+    instrumental_parameters,
+    misfit,
+    plain_parameters,
+    solve_ols,
+)
 from hydro_model.robot import FloatArray, Robot
 
 #: Delays tried before the Gauss-Newton steps, over the range.
@@ -138,6 +144,14 @@ def _log_misfit(blocks: Blocks, weight: FloatArray) -> float:
     return count * math.log(max(squares, 1e-24 * level, 1e-300))
 
 
+def under_weights(solve: Solve) -> Callable[[Blocks, FloatArray], FloatArray]:
+    """Parameters under given weights as an estimator has them: ordinary ones by no instruments.
+
+    `solve` is the estimator.
+    """
+    return plain_parameters if solve is solve_ols else instrumental_parameters
+
+
 @dataclass(frozen=True, slots=True)
 class DelayStep:
     """What one chamber says about the delay, and its parameters at this one.
@@ -182,7 +196,7 @@ def delay_step(chamber: GatheredChamber, delay_s: float, solve: Solve) -> DelayS
     carried = replace(known, y=slope.x[..., -1], own_y=own_slope)
     return DelayStep(
         plain,
-        instrumental_parameters(carried, plain.weight) / unit,
+        under_weights(solve)(carried, plain.weight) / unit,
         variance if variance > 0.0 else math.inf,
         float(both.dof[-1]),
         both.covariance * np.outer(scale, scale),
