@@ -7,6 +7,7 @@ in the model, and the verdict is `partly_identified`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -252,6 +253,8 @@ def _delay_notes(hydraulic: HydraulicFit | None) -> list[str]:
     found = ", ".join(
         f"{name} {1e3 * own.delay_s:.2f} +- {1e3 * own.std_s:.2f}"
         + (", its bound" if own.delay_s in (0.0, hydraulic.longest_s) else "")
+        if math.isfinite(own.std_s)
+        else f"{name} not told"
         for name, own in hydraulic.valve_delays.items()
     )
     return [

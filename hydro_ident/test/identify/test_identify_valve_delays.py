@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from hydro_ident.estimate.flows.chambers import WindowSettings
+from hydro_ident.estimate.flows.delay import ValveDelay, _differ, _Group
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit, fit_hydraulics
 from hydro_ident.estimate.signals.traces import traces_of
-from hydro_ident.identify.identification import identify
+from hydro_ident.identify.identification import _delay_notes, identify
 from hydro_ident.parameters.parameters import cylinder_parameters
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
@@ -95,3 +99,21 @@ def test_intervals_reach_as_far_as_a_delay_beyond_its_bound(run_of: Callable[...
     for cylinder in fit.cylinders:
         own = max(c.fit.std[0] for c in cylinder.chambers)
         assert cylinder.value("inverse_bulk_modulus")[1] > 2.0 * own
+
+
+def _group(delay_s: float, beyond_s: float, std_s: float) -> Any:
+    return _Group({}, delay_s, beyond_s, {"own": SimpleNamespace(variance=std_s**2, dof=9.0)})
+
+
+def test_how_far_beyond_its_bound_a_delay_would_be_makes_no_difference() -> None:
+    """Steps of noise: 30 ms beyond a bound of 2 ms, where the deviation is 6 ms."""
+    unsure = [_group(0.002, 0.030, 0.00643), _group(0.0, -0.002, 0.00128)]
+    assert not _differ(unsure, 0.002)
+    assert _differ([_group(0.002, 0.001, 2e-5), _group(0.0004, 0.0, 2e-5)], 0.002)
+
+
+def test_a_valve_that_never_moved_has_no_delay_in_the_note() -> None:
+    delays = {"a": ValveDelay(0.0014, 1e-5), "b": ValveDelay(0.0007, math.inf)}
+    [note] = _delay_notes(HydraulicFit(0.001, 5e-4, (), WindowSettings(), valve_delays=delays))
+    assert "inf" not in note
+    assert "a 1.40 +- 0.01, b not told" in note

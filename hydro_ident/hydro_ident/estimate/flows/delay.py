@@ -232,14 +232,17 @@ def _own_groups(
         name: _settled(chambers, common.delay_s, limits, weights, solve)
         for name, chambers in by_valve.items()
     }
-    told = [
-        (g.delay_s + g.beyond_s, g.std_s(limits.step_s))
-        for g in groups.values()
-        if g.information > 0.0
-    ]
+    return groups if _differ(list(groups.values()), limits.step_s) else {}
+
+
+def _differ(groups: Sequence[_Group], step_s: float) -> bool:
+    """Whether delays differ by more than their errors.
+
+    At a bound only the side is told: how far beyond it is a step that no deviation knows of.
+    """
+    told = [(g.delay_s, g.std_s(step_s)) for g in groups if g.information > 0.0]
     pairs = itertools.combinations(told, 2)
-    differ = any(abs(a - b) > DEVIATIONS * math.hypot(c, d) for (a, c), (b, d) in pairs)
-    return groups if differ else {}
+    return any(abs(a - b) > DEVIATIONS * math.hypot(c, d) for (a, c), (b, d) in pairs)
 
 
 def _settled(
