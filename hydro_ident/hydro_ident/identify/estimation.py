@@ -9,7 +9,8 @@ from functools import partial
 from hydro_ident.estimate.effects.listed_effects import ListedEffects
 from hydro_ident.estimate.effects.listed_steps import stepped
 from hydro_ident.estimate.flows.delay import Solve, fit_delay
-from hydro_ident.estimate.flows.hydraulics import HydraulicFit, hydraulic_fit
+from hydro_ident.estimate.flows.flow_moments import FlowGatherer
+from hydro_ident.estimate.flows.hydraulics import HydraulicFit, Regather, hydraulic_fit
 from hydro_ident.estimate.forces.inertial import InertialFit, inertial_fit
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.statistics.blocks import blocks_of
@@ -134,9 +135,18 @@ class Estimation:
             return None
         return inertial_fit(self.plan.model, moments, self.still, self.plan.filters, solve)
 
-    def _hydraulics(self, gathered: Sequence[Gathered], solve: Solve) -> HydraulicFit | None:
+    def _hydraulics(
+        self, gathered: Sequence[Gathered], solve: Solve, regather: Regather | None = None
+    ) -> HydraulicFit | None:
         flows = [g.flows for g in gathered]
-        return hydraulic_fit(self.plan.robot, flows, self.plan.windows, solve)
+        return hydraulic_fit(self.plan.robot, flows, self.plan.windows, solve, regather)
+
+    def _flows_at(
+        self, weights: Mapping[str, Mapping[str, Weights]], rails_off_pa: Mapping[str, float]
+    ) -> list[FlowGatherer]:
+        """The flows alone, with rails that nobody read off by so much."""
+        plan = replace(self.plan, forces=False, flow_weights=weights, rails_off_pa=rails_off_pa)
+        return [g.flows for g in self._gather(plan)]
 
     def _flows(
         self, gathered: list[Gathered], solve: Solve
@@ -153,6 +163,8 @@ class Estimation:
             fresh = self._gather(replace(self.plan, forces=False))
             gathered = [replace(g, flows=f.flows) for g, f in zip(gathered, fresh, strict=True)]
             fit = self._hydraulics(gathered, solve)
+        if fit is not None and any(rail.large for rail in fit.rails):
+            fit = self._hydraulics(gathered, solve, partial(self._flows_at, {}))
         return fit, gathered
 
     def _robust(
@@ -180,7 +192,8 @@ class Estimation:
             gathered = self._gather(
                 replace(self.plan, force_weights=force_weights, flow_weights=gathered_weights)
             )
-        hydraulic = self._hydraulics(gathered, _robust_solve(number, solve_iv))
+        again = partial(self._flows_at, gathered_weights)
+        hydraulic = self._hydraulics(gathered, _robust_solve(number, solve_iv), again)
         return self._forces(gathered, _robust_solve(number)), hydraulic
 
     def _force_weights(

@@ -53,6 +53,8 @@ class GatherPlan:
     longest_delay_s : float
         Longest delay of the slowest recording, which all of them are to reach.
     cleaner : Cleaner or None
+    rails_off_pa : mapping of str to float
+        What constants of rails that were not read are taken to be off by.
     """
 
     robot: Robot
@@ -69,6 +71,7 @@ class GatherPlan:
     flow_weights: Mapping[str, Mapping[str, Weights]] = field(default_factory=dict)
     longest_delay_s: float = 0.0
     cleaner: Cleaner | None = None
+    rails_off_pa: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def overlap_s(self) -> float:
@@ -165,6 +168,7 @@ def gather_source(source: Source, plan: GatherPlan) -> Gathered:
         plan.split.training,
         flow_weights,
         longest_s=plan.longest_delay_s,
+        rails_off_pa=plan.rails_off_pa,
     )
     found = Gathered(source.name, None, flows, weights)
     for piece in source.pieces(overlap_s=plan.overlap_s):

@@ -15,6 +15,7 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit
 from hydro_ident.estimate.flows.summed_flow import SummedComparison
+from hydro_ident.estimate.flows.unread_rails import UNFITTING, file_constant
 from hydro_ident.estimate.forces.closed_chain import part_notes
 from hydro_ident.estimate.forces.inertial import InertialFit
 from hydro_ident.estimate.scoring.scores import ChannelScore
@@ -267,16 +268,13 @@ def _rail_notes(hydraulic: HydraulicFit | None) -> list[str]:
     """What is to be said of rails that nobody read, whose constants the flows were fitted with."""
     notes = []
     for one in hydraulic.rails if hydraulic is not None else ():
-        given, found = 1e-5 * one.given_pa, 1e-5 * (one.given_pa + one.off_pa)
-        told = f"may be off by {1e-5 * one.error_pa:.2g} bar"
+        constant = file_constant(one.rail, one.given_pa, one.recordings)
+        told = f"{constant} may be off by {1e-5 * one.error_pa:.2g} bar"
         if one.told:
-            told = (
-                f"do not fit what passes the valves: about {found:.4g} bar do (gauge). Correct the"
-                " file, or record it"
-            )
+            found, std = 1e-5 * (one.given_pa + one.off_pa), 1e-5 * one.std_pa
+            told = f"{constant} {UNFITTING} {found:.4g} +- {std:.2g} bar do (gauge). Record it"
         notes.append(
-            f"{one.rail} was not recorded, and the robot file's {given:.4g} bar {told}: edges and"
-            " oil are those of the file's constant, and their intervals reach as far as this one"
-            " moves them"
+            f"{told}: edges and oil are those of the file's constant, and their intervals reach as"
+            " far as this one moves them"
         )
     return notes

@@ -17,6 +17,7 @@ from scipy.linalg import block_diag
 from hydro_ident.estimate.flows.chambers import INVERSE_BULK, OVER_BULK, Chamber
 from hydro_ident.estimate.flows.delay import FittedChamber
 from hydro_ident.estimate.flows.shared_parameters import chambers_to_cylinder
+from hydro_ident.estimate.flows.unread_rails import RailConstant
 from hydro_ident.estimate.forces.bounds import DEVIATIONS, conditioned
 from hydro_ident.estimate.forces.closed_chain import HeldPart
 from hydro_ident.estimate.statistics.least_squares import MAX_COLLINEARITY, Fit
@@ -111,13 +112,17 @@ class CylinderFit:
         return 1.0 / inverse, std / inverse**2
 
 
-def combined(fitted: Sequence[tuple[Chamber, FittedChamber]]) -> CylinderFit:
+def combined(
+    fitted: Sequence[tuple[Chamber, FittedChamber]], rails: Sequence[RailConstant] = ()
+) -> CylinderFit:
     """Merge chambers: parameters of the same name are one, weighted by their information.
 
     Parameters
     ----------
     fitted : sequence of (Chamber, FittedChamber)
         Of one cylinder.
+    rails : sequence of RailConstant
+        Of rails that nobody read.
 
     Returns
     -------
@@ -131,7 +136,7 @@ def combined(fitted: Sequence[tuple[Chamber, FittedChamber]]) -> CylinderFit:
     theta = path @ np.concatenate([f.fit.theta for f in fits])
     covariance = path @ block_diag(*(f.fit.covariance for f in fits)) @ path.T
     # A delay beyond its bound, or a rail that nobody read, moves the chambers together.
-    for shifts in zip(*(one.shifts for _, one in fitted), strict=True):
+    for shifts in zip(*(one.shifts(rails) for _, one in fitted), strict=True):
         shift = path @ np.concatenate(shifts)
         covariance += np.outer(shift, shift)
     collinear = np.array(
@@ -194,7 +199,7 @@ def _is_apart(fit: CylinderFit) -> bool:
     And what is listed as a volume over it has no size without it.
     """
     inverse, std = fit.value(INVERSE_BULK)
-    return inverse > -DEVIATIONS * std and not any(n.endswith(OVER_BULK) for n in fit.names)
+    return inverse >= -DEVIATIONS * std and not any(n.endswith(OVER_BULK) for n in fit.names)
 
 
 def _with_given_bulk(fit: CylinderFit, inverse: float, reason: str) -> CylinderFit:

@@ -26,7 +26,7 @@ from hydro_ident.estimate.flows.delay_steps import (
     with_shared_delay,
 )
 from hydro_ident.estimate.flows.flow_moments import FlowGatherer
-from hydro_ident.estimate.flows.rail_constants import RailConstant, rail_constants
+from hydro_ident.estimate.flows.unread_rails import Carried, RailConstant, rail_constants
 from hydro_ident.estimate.forces.bounds import DEVIATIONS
 from hydro_ident.estimate.statistics.blocks import Blocks
 from hydro_ident.estimate.statistics.least_squares import Fit, fit_of_solution
@@ -72,10 +72,11 @@ class FittedChamber:
     blocks : Blocks
     combines : dict of str to (w, p) array
         Its columns from those gathered, by recording.
-    shifts : tuple of (p,) array
+    off : tuple of (p,) array
         What its parameters may have taken up, as one deviation: of a delay beyond the range, of
-        pressures taken for straight, of the rails' constants. The same cause is at the same place
-        in all chambers.
+        pressures taken for straight. The same cause is at the same place in all chambers.
+    carried : dict of str to (p,) array
+        What they take up of each Pa that an unread rail's constant is off by.
     """
 
     names: tuple[str, ...]
@@ -83,7 +84,13 @@ class FittedChamber:
     solution: Solution
     blocks: Blocks
     combines: dict[str, FloatArray]
-    shifts: tuple[FloatArray, ...]
+    off: tuple[FloatArray, ...]
+    carried: Carried = field(default_factory=dict)
+
+    def shifts(self, rails: Sequence[RailConstant]) -> list[FloatArray]:
+        """By cause, the same in all chambers: a deviation of the parameters (p,) from outside."""
+        zero = np.zeros(len(self.names))
+        return [*self.off, *(self.carried.get(r.rail, zero) * r.error_pa for r in rails)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +117,7 @@ class DelayFit:
     valves : dict of str to ValveDelay
         By valve, where they differ.
     rails : tuple of RailConstant
-        Of rails that nobody read.
+        Of rails that nobody read, to first order.
     """
 
     delay_s: float
@@ -197,12 +204,10 @@ def fit_delay(
         {n: (c, group_of[n].delay_s, group_of[n].steps[n]) for n, c in chambers.items()},
         solve,
     )
-    fitted = {}
-    for name in chambers:
-        one = _fitted(group_of[name], name, straight_s(limits.step_s))
-        zero = np.zeros(len(one.names))
-        shifts = [carried[name].get(r.rail, zero) * r.error_pa for r in rails]
-        fitted[name] = replace(one, shifts=(*one.shifts, *shifts))
+    fitted = {
+        n: replace(_fitted(group_of[n], n, straight_s(limits.step_s)), carried=carried[n])
+        for n in chambers
+    }
     std_s = common.std_s(limits.step_s)
     valves = {n: ValveDelay(g.delay_s, g.std_s(limits.step_s)) for n, g in own.items()}
     if len({one.delay_s for one in valves.values()}) < 2:
@@ -299,5 +304,5 @@ def _fitted(group: _Group, name: str, straight: float) -> FittedChamber:
         fit = replace(fit, covariance=covariance, dof=step.theta_dof)
     parts = zip(chamber.parts, chamber.combines(delay_s), strict=True)
     combines = {part.moments.label: combine for part, (combine, _) in parts}
-    shifts = tuple(np.asarray(step.carried * off_s) for off_s in (group.beyond_s, straight))
-    return FittedChamber(chamber.names, fit, step.plain, blocks, combines, shifts)
+    off = tuple(np.asarray(step.carried * off_s) for off_s in (group.beyond_s, straight))
+    return FittedChamber(chamber.names, fit, step.plain, blocks, combines, off)

@@ -10,7 +10,7 @@ as an instrument: readings hold their noise at a window's two ends.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -234,6 +234,8 @@ class FlowGatherer:
     chambers : dict of str to ChamberMoments
     longest_s : float
         Longest delay of any recording: at a finer rate it is more cycles than `windows` say.
+    rails_off_pa : mapping of str to float
+        What the robot file's constants are taken to be off by, of rails that were not read.
     """
 
     robot: Robot
@@ -244,10 +246,14 @@ class FlowGatherer:
     weights: dict[str, Weights] = field(default_factory=dict)
     chambers: dict[str, ChamberMoments] = field(default_factory=dict)
     longest_s: float = 0.0
+    rails_off_pa: Mapping[str, float] = field(default_factory=dict)
 
     def add(self, trace: Trace) -> None:
         """Take in the next trace; its valve signals as the listed laws shape them."""
         windows = self.windows.reaching(self.longest_s - NEARLY * trace.step_s, trace.step_s)
+        unread = [rail for rail, read in zip(RAILS, trace.rails_read, strict=True) if not read]
+        off = {rail: self.rails_off_pa[rail] for rail in unread if rail in self.rails_off_pa}
+        trace = replace(trace, **{rail: getattr(trace, rail) + pa for rail, pa in off.items()})
         for chamber in chambers_of(self.robot):
             listed, rows = self._rows(chamber, trace, windows)
             if not rows.time_s.size:

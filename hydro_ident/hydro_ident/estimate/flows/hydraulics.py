@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
+from hydro_ident.errors import IdentError
 from hydro_ident.estimate.flows.chambers import WindowSettings, chambers_of
 from hydro_ident.estimate.flows.cylinder_fit import CylinderFit, combined
 from hydro_ident.estimate.flows.delay import Solve, ValveDelay, fit_delay
 from hydro_ident.estimate.flows.flow_moments import ExtraColumns, FlowGatherer, Select
-from hydro_ident.estimate.flows.rail_constants import RailConstant
+from hydro_ident.estimate.flows.unread_rails import RailConstant, settled_constants
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.regression import solve_iv
 from hydro_model.robot import Robot
+
+#: Gathers the recordings again, with unread rails off by so many Pa.
+Regather = Callable[[Mapping[str, float]], Sequence[FlowGatherer]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,14 +83,29 @@ def fit_hydraulics(
         None where no chamber has pressures, stroke and valve signal.
     """
     windows = windows or WindowSettings()
+    again = partial(_gathered, robot, traces, windows, extra, select)
+    return hydraulic_fit(robot, again({}), windows, regather=again)
+
+
+def _gathered(
+    robot: Robot,
+    traces: Sequence[Trace],
+    windows: WindowSettings,
+    extra: ExtraColumns | None,
+    select: Select | None,
+    rails_off_pa: Mapping[str, float],
+) -> list[FlowGatherer]:
     longest_s = windows.max_delay_cycles * max((t.step_s for t in traces), default=0.0)
     gathered: dict[str, FlowGatherer] = {}
     for trace in traces:
         name = trace.recording
         if name not in gathered:
-            gathered[name] = FlowGatherer(robot, name, windows, extra, select, longest_s=longest_s)
+            gathered[name] = FlowGatherer(
+                robot, name, windows, extra, select,
+                longest_s=longest_s, rails_off_pa=rails_off_pa,
+            )  # fmt: skip
         gathered[name].add(trace)
-    return hydraulic_fit(robot, list(gathered.values()), windows)
+    return list(gathered.values())
 
 
 def hydraulic_fit(
@@ -93,6 +113,7 @@ def hydraulic_fit(
     gathered: Sequence[FlowGatherer],
     windows: WindowSettings,
     solve: Solve = solve_iv,
+    regather: Regather | None = None,
 ) -> HydraulicFit | None:
     """Fit chambers and delay to what was gathered of every recording.
 
@@ -103,6 +124,8 @@ def hydraulic_fit(
     windows : WindowSettings
     solve : callable
         The estimator.
+    regather : callable, optional
+        Without it what unread rails are off by is linear, at the robot file's constants.
 
     Returns
     -------
@@ -112,10 +135,13 @@ def hydraulic_fit(
     found = fit_delay(robot, gathered, solve)
     if found is None:
         return None
+    rails = found.rails
+    if regather is not None:
+        rails = settled_constants(rails, partial(_linearised, robot, regather, solve))
     by_name = {chamber.channel: chamber for chamber in chambers_of(robot)}
     fitted = [(by_name[name], one) for name, one in found.chambers.items()]
     cylinders = tuple(
-        combined([(chamber, one) for chamber, one in fitted if chamber.index == index])
+        combined([(chamber, one) for chamber, one in fitted if chamber.index == index], rails)
         for index in sorted({chamber.index for chamber, _ in fitted})
     )
     return HydraulicFit(
@@ -126,5 +152,14 @@ def hydraulic_fit(
         found.dof,
         found.longest_s,
         found.valves,
-        found.rails,
+        rails,
     )
+
+
+def _linearised(
+    robot: Robot, regather: Regather, solve: Solve, rails_off_pa: Mapping[str, float]
+) -> Sequence[RailConstant]:
+    found = fit_delay(robot, regather(rails_off_pa), solve)
+    if found is None:
+        raise IdentError("expected the windows of the first look at the chambers, found fewer")
+    return found.rails

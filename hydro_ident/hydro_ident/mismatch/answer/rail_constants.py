@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from hydro_ident.estimate.flows.unread_rails import UNFITTING, file_constant
 from hydro_ident.mismatch.answer.outcome import Finding
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.mismatch.trials.candidates import RAIL_BIAS, RAILS
@@ -51,8 +52,8 @@ def rail_notes(robot: Robot, constants: Sequence[Finding]) -> list[str]:
     for finding in constants:
         rail, bias_pa = finding.named.term.target, float(finding.named.term.parameters[0])
         notes.append(
-            f"{rail} was not recorded, and the robot file's {1e-5 * given[rail]:.4g} bar do not"
-            f" fit what passes the valves: {1e-5 * (given[rail] - bias_pa):.4g} bar do (gauge). In"
-            f" the model as {RAIL_BIAS} of {rail}, no finding: record it"
+            f"{file_constant(rail, given[rail])} {UNFITTING}"
+            f" {1e-5 * (given[rail] - bias_pa):.4g} bar do (gauge). In the model as {RAIL_BIAS} of"
+            f" {rail}, no finding: record it"
         )
     return notes
