@@ -8,6 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_ident.estimate.flows.chambers import WindowSettings, chambers_of
+from hydro_ident.estimate.flows.cylinder_fit import combined
+from hydro_ident.estimate.flows.delay import fit_delay
+from hydro_ident.estimate.flows.flow_moments import FlowGatherer
 from hydro_ident.estimate.flows.hydraulics import fit_hydraulics
 from hydro_ident.estimate.flows.unread_rails import (
     RailConstant,
@@ -56,6 +60,25 @@ def test_a_pressure_that_stands_still_tells_no_rail(
     assert lift.rejected == ""
     for name in ("c_pa", "c_at"):
         assert lift.value(name)[0] == pytest.approx(bench.EDGES[name], rel=1e-4)
+
+
+def test_causes_from_outside_do_not_make_an_edge_unknown(robot: Robot, bench: Any) -> None:
+    """A rail far off widens intervals; what the data tell is of their noise."""
+    gathered = FlowGatherer(robot, "run", WindowSettings())
+    gathered.add(bench.run(robot))
+    found = fit_delay(robot, [gathered])
+    assert found is not None
+    pairs = list(zip(chambers_of(robot), found.chambers.values(), strict=False))
+    far = RailConstant("supply", SUPPLY, 0.4 * SUPPLY, 0.0, 0.1 * SUPPLY)
+    chambers = [(c, replace(one, carried={"supply": one.fit.theta / SUPPLY})) for c, one in pairs]
+    lift, alone = combined(chambers, [far]), combined(pairs)
+    assert alone.rejected == lift.rejected == ""
+    assert all(lift.identifiable)
+    for name in bench.EDGES:
+        value, std = lift.value(name)
+        assert std > 0.35 * value
+        assert alone.value(name) == (value, pytest.approx(alone.value(name)[1]))
+        assert alone.value(name)[1] < 0.01 * value
 
 
 def test_steps_that_do_not_end_are_a_deviation() -> None:

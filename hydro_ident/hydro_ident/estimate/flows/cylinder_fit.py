@@ -135,6 +135,8 @@ def combined(
     path = chambers_to_cylinder([one for _, one in fitted], order)
     theta = path @ np.concatenate([f.fit.theta for f in fits])
     covariance = path @ block_diag(*(f.fit.covariance for f in fits)) @ path.T
+    # Noise alone decides what the data tell; causes from outside widen its interval.
+    noise = np.sqrt(np.diag(covariance))
     # A delay beyond its bound, or a rail that nobody read, moves the chambers together.
     for shifts in zip(*(one.shifts(rails) for _, one in fitted), strict=True):
         shift = path @ np.concatenate(shifts)
@@ -142,11 +144,10 @@ def combined(
     collinear = np.array(
         [max(f.fit.collinearity[f.names.index(n)] for f in fits if n in f.names) for n in order]
     )
-    std = np.sqrt(np.diag(covariance))
     # Edges and compliance are clear of zero; what an effect adds may well be none.
     known = tuple(
         bool(c < MAX_COLLINEARITY and (DEVIATIONS * s < abs(v) or not _essential(name)))
-        for name, c, s, v in zip(order, collinear, std, theta, strict=True)
+        for name, c, s, v in zip(order, collinear, noise, theta, strict=True)
     )
     chamber = fits[0].chamber
     found = CylinderFit(
