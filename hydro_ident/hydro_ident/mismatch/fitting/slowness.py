@@ -23,6 +23,7 @@ from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.fitting.fitting import settled as settled_fit
 from hydro_ident.mismatch.fitting.stepping import at_longest_delay
 from hydro_ident.mismatch.fitting.training import Training, start_model
 from hydro_ident.mismatch.rows.choices import Choices
@@ -141,4 +142,6 @@ def _balances(
         return None
     predictor = Predictor(material)
     training = Training.of(predictor, rows)
-    return _Balances(training, fit(training, start_model(robot, predictor, resolve(robot))))
+    begun = fit(training, start_model(robot, predictor, resolve(robot)))
+    # On the way, oil takes up what a listed spool has not yet come to.
+    return _Balances(training, settled_fit(training, begun))
