@@ -135,6 +135,7 @@ def test_the_tip_follows(idle_run: Path) -> None:
     assert rows["truth"].rmse_mm == pytest.approx(rows["encoders"].rmse_mm, abs=0.1)
 
 
+@pytest.mark.thorough
 def test_lockstep_does_not_depend_on_how_busy_the_machine_is(
     idle_run: Path, tmp_path: Path
 ) -> None:

@@ -237,6 +237,7 @@ def test_effects_of_a_joint_without_cylinder_are_predicted_as_its_fit_finds_them
     assert told[2].datasheet == 20.0
 
 
+@pytest.mark.thorough
 def test_expected_errors_of_leakage_are_those_of_repeated_fits(listing: Robot) -> None:
     """400 recordings of both chambers, fitted apart and combined by their information."""
     motion, residual, windows = _sway(listing, 20.0), Residual(), WindowSettings()

@@ -64,6 +64,7 @@ def test_auto_turns_to_instruments_where_encoders_are_bad(robot: Robot) -> None:
     assert np.max(np.abs(_errors(robot, plain))) > 0.5
 
 
+@pytest.mark.thorough
 def test_auto_turns_robust_where_samples_stand_out(robot: Robot) -> None:
     good = synthetic_recording(robot, 20.0, 1)
     bad = with_outliers(good, 5, share=0.02, dropouts=6)

@@ -139,6 +139,7 @@ def changes(result: dict) -> dict[str, dict]:
     return {row["name"]: row for row in result["compare"]["parameters"]}
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("clarabel")
 def test_nothing_changed_is_not_called_a_change(
     crane_run, other_run, write_bag: Callable[..., Path], tmp_path: Path

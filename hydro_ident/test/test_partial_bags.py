@@ -173,6 +173,7 @@ def test_a_voltage_that_is_no_number_is_as_good_as_missing(crane_run, wrong) -> 
     np.testing.assert_array_equal(*seen)
 
 
+@pytest.mark.thorough
 def test_robust_weights_do_without_lost_pressures(short_run, identify_bag) -> None:
     """A channel without a row has no residuals to be weighted by; the others are as good."""
     gone = ("tilt_cylinder/a", "tilt_cylinder/b")

@@ -171,6 +171,7 @@ def test_a_law_of_the_model_is_not_among_what_could_not_have_shown(bristling: Di
     )
 
 
+@pytest.mark.thorough
 def test_a_number_of_a_law_that_is_not_modelled_is_not_said_to_be_in_the_model(
     bristling: Diagnosis,
 ) -> None:
@@ -185,6 +186,7 @@ def test_a_number_of_a_law_that_is_not_modelled_is_not_said_to_be_in_the_model(
         assert "the value found is in the model" not in row.below
 
 
+@pytest.mark.thorough
 def test_held_out_errors_of_a_finding_say_of_what_they_are(bristling: Diagnosis) -> None:
     page = report_html(bristling, Provenance("diagnose", "1", "r", {}, {}).as_dict())
     (one,) = bristling.findings

@@ -229,6 +229,7 @@ def test_a_recorded_supply_may_vary(robot: Robot, bench: Any) -> None:
     assert constant.cylinders[0].value("c_pa")[0] != pytest.approx(bench.EDGES["c_pa"], rel=0.02)
 
 
+@pytest.mark.thorough
 def test_bags_of_different_rates_reach_the_same_delays(robot: Robot, bench: Any) -> None:
     """4 ms are two fifths of the slow bag's cycle, and four cycles of the fast one's."""
     fine_s, thin, late = 1e-3, 10, 4

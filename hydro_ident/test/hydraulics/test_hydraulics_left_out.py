@@ -67,6 +67,7 @@ def test_what_is_held_at_zero_takes_no_others_model_error(
     assert all(found[bounded.names[part.index]] == 0.0 for part in at_zero)
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("clarabel")
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_a_valve_that_never_opened_ends_no_identification() -> None:

@@ -28,6 +28,7 @@ def slow(robot: Robot) -> Recording:
     return recorded(robot, PACE, 24.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["20 kPa", "12 bits, 5 kPa"])
 def test_moduli_are_as_their_intervals_say(slow: Recording, kind: str) -> None:
     """16 moduli: fewer than 12 in their intervals, or a mean off by a percent, are no chance."""
@@ -40,7 +41,7 @@ def test_moduli_are_as_their_intervals_say(slow: Recording, kind: str) -> None:
 
 
 @pytest.mark.needs("clarabel")
-@pytest.mark.parametrize("estimator", ["wls", "robust"])
+@pytest.mark.parametrize("estimator", ["wls", pytest.param("robust", marks=pytest.mark.thorough)])
 def test_moduli_of_either_estimator_hold_the_truth(slow: Recording, estimator: str) -> None:
     found = identify(
         slow.robot,

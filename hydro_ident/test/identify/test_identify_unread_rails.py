@@ -78,6 +78,7 @@ def test_rails_that_were_read_add_nothing(higher: Any) -> None:
     assert std < 1e-3 * value
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("off_pa", [-2.0e6, 2.0e6])
 def test_a_constant_that_is_far_off_is_found_beyond_first_order(
     run_of: Callable[..., Any], off_pa: float
@@ -92,6 +93,7 @@ def test_a_constant_that_is_far_off_is_found_beyond_first_order(
     assert not _outside(run, _fit(run, **UNREAD))
 
 
+@pytest.mark.thorough
 def test_two_recordings_with_different_constants_tell_none(
     run_of: Callable[..., Any],
 ) -> None:
@@ -104,6 +106,7 @@ def test_two_recordings_with_different_constants_tell_none(
     assert abs(supply.off_pa) + 2.0 * supply.std_pa > 1.0e6
 
 
+@pytest.mark.thorough
 def test_the_note_names_the_recordings_that_lack_a_rail(
     higher: Any, run_of: Callable[..., Any]
 ) -> None:
@@ -113,6 +116,7 @@ def test_the_note_names_the_recordings_that_lack_a_rail(
     assert note.startswith("supply was not recorded in b, and")
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("clarabel")
 def test_what_is_told_of_a_rail_is_said(higher: Any, run_of: Callable[..., Any]) -> None:
     robot = load_robot("xs031")

@@ -179,6 +179,7 @@ def test_a_drag_without_a_rhythm_is_told_with_what_it_is_at_times(
     assert "comes and goes" in told.text
 
 
+@pytest.mark.thorough
 def test_mean_and_change_of_a_drag_are_told_together(
     minute: Any, lay_out: Callable[..., Residuals]
 ) -> None:

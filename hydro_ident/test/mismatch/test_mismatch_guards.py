@@ -291,6 +291,7 @@ def test_what_is_left_far_beyond_the_sensors_is_told_whatever_it_follows(
     assert "37 times" in one.text
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("plotly")
 def test_what_has_no_name_is_told_as_a_form(
     plain: Any, seen_again: Any, lay_out: Callable[..., Residuals]

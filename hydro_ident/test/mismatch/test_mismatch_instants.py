@@ -86,6 +86,7 @@ def test_a_load_begins_where_the_other_recording_has_it(loaded: Residuals, whole
     assert errors[1] < 0.5 * errors[0]
 
 
+@pytest.mark.thorough
 def test_a_load_counts_by_what_no_stepping_sensor_makes(loaded: Residuals) -> None:
     """Nine tenths of what sensors may step by: a load, which weighs by where the joints stand."""
     training, base = loaded.training, loaded.base

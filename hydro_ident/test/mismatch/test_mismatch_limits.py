@@ -82,7 +82,10 @@ def test_a_shape_goes_by_factors_and_no_number_beyond_its_bound(robot: Robot) ->
     )
 
 
-@pytest.mark.parametrize(("velocity_m_s", "turning_m_s"), [(0.03, 0.0025), (0.002, 0.01)])
+@pytest.mark.parametrize(
+    ("velocity_m_s", "turning_m_s"),
+    [(0.03, 0.0025), pytest.param(0.002, 0.01, marks=pytest.mark.thorough)],
+)
 def test_what_is_at_a_limit_does_not_keep_the_others_from_theirs(
     lay_out: Callable[..., Residuals],
     make_run: tuple[Callable[..., Any], Callable[..., Any]],

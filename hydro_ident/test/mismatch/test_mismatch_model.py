@@ -99,6 +99,7 @@ def test_deviations_have_what_zeros_of_transducers_move_the_base_by(make_run: An
     assert np.max(moved[known] / with_them[known]) > 0.3
 
 
+@pytest.mark.thorough
 def test_a_kept_base_is_written_as_far_as_it_moved(make_run: Any) -> None:
     """Effects are fitted beside it; what its file states no deviation of stays as it is there."""
     true_crane, simulated_run = make_run

@@ -71,6 +71,7 @@ def late(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
     return lay_out(simulated_run(truth, 13.0))
 
 
+@pytest.mark.thorough
 def test_one_delay_takes_the_place_of_lags_that_say_no_more(late: Residuals) -> None:
     contest, lags, whole = _lagging(late, (LATE, BENT), BENT)
     found, after = as_one_delay(contest, lags, whole)

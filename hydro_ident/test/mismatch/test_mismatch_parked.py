@@ -57,6 +57,7 @@ def _rows(work: Residuals, number: int) -> np.ndarray:
     return np.asarray(lift & (material.recording == number))
 
 
+@pytest.mark.thorough
 def test_gravity_of_a_joint_parked_elsewhere_is_not_known(work: Residuals) -> None:
     """What the rows are left out for: a base fitted at one angle is wrong at another."""
     left = work.check.residual(work.base.model)

@@ -51,6 +51,7 @@ def work(make_run: MakeRun, lay_out: Callable[..., Residuals]) -> Residuals:
 # Bodies of cylinders --------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_barrels_and_rods_keep_about_their_size(work: Residuals) -> None:
     """Free they would take a spring up, at many times what steel of that size weighs."""
     base = work.training.predictor.material.forces.base

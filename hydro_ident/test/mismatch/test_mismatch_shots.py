@@ -50,6 +50,7 @@ def test_a_late_command_is_late_once(
     assert missed(late(0.01)) < 0.3 * min(missed(late(0.005)), missed(late(0.015)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "spec",
     [

@@ -219,6 +219,7 @@ def test_what_is_later_than_half_a_cycle_is_the_effect(
     assert not whole.columns[:, at].any()
 
 
+@pytest.mark.thorough
 def test_a_known_base_knows_no_skew(make_run: Make) -> None:
     """With a fixed base the readings' own skew is fitted still."""
     true_crane, _ = make_run

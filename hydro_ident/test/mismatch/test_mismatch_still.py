@@ -76,6 +76,7 @@ def test_a_joint_that_moves_everywhere_is_told_nothing_of(
     assert np.ptp(stretch.moved.q[:, JOINT]) > 0.0
 
 
+@pytest.mark.thorough
 def test_a_joint_that_never_moves_moves_no_number_of_its_own(
     crane_run: Any, lay_out: Callable[..., Residuals]
 ) -> None:
