@@ -54,6 +54,7 @@ def test_a_browser_that_a_script_started_ends_with_it(report: str, tmp_path: Pat
     assert not state.exists() or state.read_text().rsplit(")", 1)[1].split()[0] == "Z"
 
 
+@pytest.mark.thorough
 @needs
 def test_a_browser_opens_it_without_errors_at_every_width(
     report: str, tmp_path: Path, browser_check: Callable[..., dict[str, Any]]

@@ -98,10 +98,11 @@ def nearly_aligned(robot: Robot, seed: int) -> Robot:
     return replace(robot, joints=tuple(joints))
 
 
-def test_two_hundred_random_robots(make_chain: MakeChain) -> None:
+@pytest.mark.parametrize("count", [70, pytest.param(200, marks=pytest.mark.thorough)])
+def test_random_robots(make_chain: MakeChain, count: int) -> None:
     """Count and span against the numerical rank; tilts of 1e-6 show by 1e-12, as rounding does."""
     sharp = 0
-    for k in range(200):
+    for k in range(count):
         robot = make_chain(1000 + k, 1 + k % 7)
         robot = nearly_aligned(robot, k) if k % 2 else robot
         found = base_map(robot)
@@ -115,7 +116,7 @@ def test_two_hundred_random_robots(make_chain: MakeChain) -> None:
         torque = columns @ robot.link_inertia.ravel()
         base = columns[:, found.leading] @ (found.combination @ robot.link_inertia.ravel())
         assert np.abs(base - torque).max() < 1e-11 * np.abs(torque).max(), k
-    assert sharp > 180
+    assert sharp > 0.9 * count
 
 
 @pytest.mark.parametrize(("seed", "dof"), CASES)
