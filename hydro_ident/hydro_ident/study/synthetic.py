@@ -118,21 +118,14 @@ def synthetic_recording(
     Recording
         With the references that the loop followed.
     """
-    from scipy.signal import lfilter
-
-    noise, rng = noise or Noise(), np.random.default_rng(seed + 1000)
+    noise = noise or Noise()
     q, p_a, p_b, voltage, jitter = (
         _closed_loop(robot, seconds, noise.encoder_rad, seed, pace)
         if robot.effects
         else _driven(robot.name, seconds, noise.encoder_rad, seed, pace)
     )
-    count, cylinders = p_a.shape
-    white = rng.normal(size=(count + 1000, cylinders)) * np.sqrt(1.0 - noise.phi**2)
-    slow = noise.force_n * lfilter([1.0], [1.0, -noise.phi], white, axis=0)[1000:]
-    areas = np.array([c.area_a_m2 for c in robot.cylinders])
-    readings = [
-        p + noise.pressure_pa * rng.normal(size=p.shape) for p in (p_a + slow / areas, p_b)
-    ]
+    readings = _readings(robot, p_a, p_b, noise, seed)
+    count = len(q)
     rails = np.ones(count)
     return Recording(
         path=Path(f"synthetic_{seed}"),
@@ -163,6 +156,19 @@ def synthetic_recording(
         notes=(),
         metadata={},
     )
+
+
+def _readings(
+    robot: Robot, p_a: FloatArray, p_b: FloatArray, noise: Noise, seed: int
+) -> list[FloatArray]:
+    """Pressures as they are read: a slow force that is in no model, then what transducers add."""
+    from scipy.signal import lfilter
+
+    rng, (count, cylinders) = np.random.default_rng(seed + 1000), p_a.shape
+    white = rng.normal(size=(count + 1000, cylinders)) * np.sqrt(1.0 - noise.phi**2)
+    slow = noise.force_n * lfilter([1.0], [1.0, -noise.phi], white, axis=0)[1000:]
+    areas = np.array([c.area_a_m2 for c in robot.cylinders])
+    return [p + noise.pressure_pa * rng.normal(size=p.shape) for p in (p_a + slow / areas, p_b)]
 
 
 def with_outliers(recording: Recording, seed: int, share: float, dropouts: int) -> Recording:
