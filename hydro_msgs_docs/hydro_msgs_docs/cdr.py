@@ -12,6 +12,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -193,26 +194,26 @@ def layout_of(message: bytes, message_type: str) -> Layout:
     return Layout(names, frame_id, values, cursor.order, size, template, mask)
 
 
-class _Writer:
-    def __init__(self) -> None:
-        self.out = bytearray(b"\0\1\0\0")
+def _aligned(size: int, to: int) -> int:
+    """How many bytes are missing, behind so many with their head, to a multiple of `to`."""
+    return -(size - 4) % to
 
-    def align(self, size: int) -> None:
-        self.out += bytes(-(len(self.out) - 4) % size)
 
-    def count(self, value: int) -> None:
-        self.align(4)
-        self.out += struct.pack("<I", value)
+def _text(out: bytearray, text: str) -> None:
+    data = text.encode("utf-8") + b"\0"
+    out += bytes(_aligned(len(out), 4)) + struct.pack("<I", len(data)) + data
 
-    def text(self, text: str) -> None:
-        data = text.encode("utf-8") + b"\0"
-        self.count(len(data))
-        self.out += data
 
-    def doubles(self, values: FloatArray) -> None:
-        if len(values):
-            self.align(8)
-            self.out += values.astype("<f8").tobytes()
+@lru_cache(maxsize=256)
+def _opening(frame_id: str, names: tuple[str, ...] | None) -> bytes:
+    """Head, an empty stamp and all texts: the same in every message of a topic."""
+    out = bytearray(b"\0\1\0\0" + bytes(8))
+    _text(out, frame_id)
+    if names is not None:
+        out += bytes(_aligned(len(out), 4)) + struct.pack("<I", len(names))
+        for name in names:
+            _text(out, name)
+    return bytes(out)
 
 
 def encode(
@@ -245,25 +246,27 @@ def encode(
     >>> layout_of(encode(TEMPERATURE, 5, {"temperature": 40.0}), TEMPERATURE).size
     36
     """
-    unknown = set(values) - {name for name, _ in FIELDS[message_type]}
+    fields = FIELDS[message_type]
+    unknown = values.keys() - {name for name, _ in fields}
     if unknown:
         raise CdrError(f"{message_type} has no field '{sorted(unknown)[0]}'")
-    writer = _Writer()
-    sec, nanosec = divmod(int(stamp_ns), 1_000_000_000)
-    writer.out += struct.pack("<iI", sec, nanosec)
-    writer.text(frame_id)
-    for name, kind in FIELDS[message_type]:
+    named = any(kind == "names" for _, kind in fields)
+    out = bytearray(_opening(frame_id, names if named else None))
+    struct.pack_into("<iI", out, 4, *divmod(int(stamp_ns), 1_000_000_000))
+    for name, kind in fields:
         if kind == "names":
-            writer.count(len(names))
-            for entry in names:
-                writer.text(entry)
             continue
-        data = np.atleast_1d(np.asarray(values.get(name, ()), dtype=np.float64))
+        data = _doubles(values[name]) if name in values else b""
         if kind == "list":
-            writer.count(len(data))
-        elif len(data) == 0:
-            data = np.zeros(int(kind))
-        elif len(data) != kind:
-            raise CdrError(f"{message_type}.{name} takes {kind} values, found {len(data)}")
-        writer.doubles(data)
-    return bytes(writer.out)
+            out += bytes(_aligned(len(out), 4)) + struct.pack("<I", len(data) // 8)
+        elif not data:
+            data = bytes(8 * int(kind))
+        elif len(data) != 8 * int(kind):
+            raise CdrError(f"{message_type}.{name} takes {kind} values, found {len(data) // 8}")
+        if data:
+            out += bytes(_aligned(len(out), 8)) + data
+    return bytes(out)
+
+
+def _doubles(values: object) -> bytes:
+    return np.atleast_1d(np.asarray(values, dtype="<f8")).tobytes()

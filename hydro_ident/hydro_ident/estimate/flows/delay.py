@@ -21,6 +21,7 @@ from hydro_ident.estimate.flows.delay_steps import (
     Solve,
     coarse_delay,
     delay_step,
+    delay_variance,
     gathered_chambers,
     under_weights,
     with_shared_delay,
@@ -139,6 +140,10 @@ class _Group:
     steps: Mapping[str, DelayStep]
 
     @property
+    def variances(self) -> dict[str, float]:
+        return {name: s.variance for name, s in self.steps.items()}
+
+    @property
     def information(self) -> float:
         return sum(1.0 / s.variance for s in self.steps.values())
 
@@ -234,7 +239,7 @@ def _own_groups(
     if len(by_valve) < 2:
         return {}
     groups = {
-        name: _settled(chambers, common.delay_s, limits, weights, solve)
+        name: _settled(chambers, common.delay_s, limits, weights, solve, common.variances)
         for name, chambers in by_valve.items()
     }
     return groups if _differ(list(groups.values()), limits.step_s) else {}
@@ -256,16 +261,25 @@ def _settled(
     limits: _Range,
     weights: Mapping[str, FloatArray],
     solve: Solve,
+    variances: Mapping[str, float] | None = None,
 ) -> _Group:
-    """Chambers at the delay that is best for them together, from one near it on."""
+    """Chambers at the delay that is best for them together, from one near it on.
+
+    `variances` of it are there where they are known; the chambers' shares are those.
+    """
     beyond = 0.0
-    steps = {name: delay_step(c, delay_s, solve) for name, c in chambers.items()}
     for _ in range(_ROUNDS):
-        information = {name: 1.0 / s.variance for name, s in steps.items()}
+        if variances is None:
+            variances = {
+                name: delay_variance(c, delay_s, weights[name], solve)
+                for name, c in chambers.items()
+            }
+        information = {name: 1.0 / variances[name] for name in chambers}
         if sum(information.values()) <= 0.0:
             break
         delay_s, beyond = _stepped(chambers, (weights, information), delay_s, limits, solve)
-        steps = {name: delay_step(c, delay_s, solve) for name, c in chambers.items()}
+        variances = None
+    steps = {name: delay_step(c, delay_s, solve) for name, c in chambers.items()}
     return _Group(chambers, delay_s, beyond, steps)
 
 

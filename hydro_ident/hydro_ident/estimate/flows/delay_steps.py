@@ -187,21 +187,43 @@ def delay_step(chamber: GatheredChamber, delay_s: float, solve: Solve) -> DelayS
     """
     unit = chamber.parts[0].step_s
     plain = solve(chamber.blocks(delay_s))
-    both = solve(chamber.with_slope(delay_s, plain.theta))
-    variance = float(both.covariance[-1, -1]) * unit**2
-    scale = np.append(np.ones(plain.theta.size), unit)
     slope = chamber.with_slope(delay_s, plain.theta)
+    both = solve(slope)
+    scale = np.append(np.ones(plain.theta.size), unit)
     known = slope.held(np.arange(plain.theta.size), np.zeros(plain.theta.size + 1))
     own_slope = None if slope.own_x is None else slope.own_x[..., -1]
     carried = replace(known, y=slope.x[..., -1], own_y=own_slope)
     return DelayStep(
         plain,
         under_weights(solve)(carried, plain.weight) / unit,
-        variance if variance > 0.0 else math.inf,
+        _variance_of(both, unit),
         float(both.dof[-1]),
         both.covariance * np.outer(scale, scale),
         both.dof[:-1],
     )
+
+
+def delay_variance(
+    chamber: GatheredChamber, delay_s: float, weight: FloatArray, solve: Solve
+) -> float:
+    """Variance of the delay, s^2, as `DelayStep` has it.
+
+    Parameters
+    ----------
+    chamber : GatheredChamber
+    delay_s : float
+    weight : (G,) array
+        Under which the balance's slope is taken.
+    solve : callable
+    """
+    theta = under_weights(solve)(chamber.blocks(delay_s), weight)
+    return _variance_of(solve(chamber.with_slope(delay_s, theta)), chamber.parts[0].step_s)
+
+
+def _variance_of(solution: Solution, unit: float) -> float:
+    """Of the last parameter, in so many seconds; infinite where nothing tells of it."""
+    variance = float(solution.covariance[-1, -1]) * unit**2
+    return variance if variance > 0.0 else math.inf
 
 
 def with_shared_delay(step: DelayStep, own: float, total: float) -> FloatArray:

@@ -63,7 +63,7 @@ def _hats() -> Any:
     return csr_array(hats / hats.sum(axis=1, keepdims=True))
 
 
-def autocovariance(phi: FloatArray, shift: int = 0) -> FloatArray:
+def autocovariance(phi: FloatArray) -> FloatArray:
     """Autocovariance at the nodes of an autoregression of white noise of unit variance.
 
     Of the lags that a node stands for, the mean: noise that swings quicker than nodes lie apart
@@ -73,18 +73,39 @@ def autocovariance(phi: FloatArray, shift: int = 0) -> FloatArray:
     ----------
     phi : (lags,) array
         Stationary: ``e_t = phi_1 e_(t-1) + ... + w_t``.
-    shift : int
-        At lags this much further on one side and nearer on the other, averaged; at most `lags`.
 
     Returns
     -------
     (nodes,) array
         The Yule-Walker equations give the first, the recursion itself the others.
     """
+    return shifted_autocovariances(phi, 1)[0]
+
+
+def shifted_autocovariances(phi: FloatArray, shifts: int) -> FloatArray:
+    """As `autocovariance`, at lags 0, 1, ... further on one side and nearer on the other.
+
+    Parameters
+    ----------
+    phi : (lags,) array
+    shifts : int
+        How many, at most `lags` + 1.
+
+    Returns
+    -------
+    (shifts, nodes) array
+        Means of both sides.
+    """
     series = _series(tuple(phi.tolist()))
-    further, nearer = series[shift : shift + LONGEST], series[: LONGEST - shift]
-    mirrored = series[shift:0:-1]
-    return np.asarray(_hats() @ (0.5 * (further + np.concatenate([mirrored, nearer]))))
+    further, nearer = _both_sides(shifts)
+    return np.asarray((_hats() @ (0.5 * (series[further] + series[nearer]))).T)
+
+
+@lru_cache(maxsize=8)
+def _both_sides(shifts: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Lags further and nearer by each shift, (LONGEST, shifts)."""
+    lags, by = np.arange(LONGEST)[:, None], np.arange(shifts)
+    return lags + by, np.abs(lags - by)
 
 
 @lru_cache(maxsize=64)

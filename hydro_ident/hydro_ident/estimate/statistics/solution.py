@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_ident.estimate.statistics.blocks import Blocks
-from hydro_ident.estimate.statistics.lag_sums import autocovariance
+from hydro_ident.estimate.statistics.lag_sums import autocovariance, shifted_autocovariances
 from hydro_ident.estimate.statistics.noise_model import lag_products, noise_model, spread_products
 from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_model.robot import FloatArray
@@ -110,17 +110,19 @@ def with_noise(unit: Blocks, estimator: Estimator, far: FloatArray) -> Solution:
     variance = levels(unit, estimator.theta) ** 2
     seen = lag_products(unit, estimator.theta)
     shares = _shares(unit, estimator, far)
+    turned = _turned(estimator, far)
     phi, variance = noise_model(unit, seen, variance)
-    products = seen
+    products, lags = seen, seen.shape[1]
     for _ in range(_PASSES):
         before = phi
-        covariance = _covariance(unit, estimator, far, phi, variance)
-        products = seen + _taken(unit, covariance, shares, phi, variance)
+        rho = np.array([shifted_autocovariances(row, lags) for row in phi])[unit.channel]
+        covariance = _covariance(estimator, turned, rho[:, 0], variance)
+        products = seen + _taken(unit, covariance, shares, rho, variance)
         phi, variance = noise_model(unit, products, variance)
         if np.max(np.abs(phi - before), initial=0.0) < _SETTLED:
             break
-    covariance = _covariance(unit, estimator, far, phi, variance)
-    dof = _degrees_of_freedom(unit, estimator, far, (phi, variance), products)
+    covariance = _covariance(estimator, turned, _correlation(unit, phi), variance)
+    dof = _degrees_of_freedom(unit, estimator, turned, (phi, variance), products)
     squares, count = np.maximum(products, seen)[:, 0, 0], np.maximum(unit.count, 1.0)
     by_channel = [np.bincount(unit.channel, v, unit.channels) for v in (squares, count)]
     residual = np.sqrt(by_channel[0] / np.maximum(by_channel[1], 1.0))
@@ -143,45 +145,54 @@ def _shares(unit: Blocks, estimator: Estimator, far: FloatArray) -> FloatArray:
     return np.asarray(inner * full[:, None])
 
 
+def _turned(estimator: Estimator, far: FloatArray) -> FloatArray:
+    """Sums by lag in the estimator's directions, each a row: (G, nodes, p p)."""
+    turned = estimator.right.T @ far @ estimator.right
+    return np.asarray(turned.reshape(*turned.shape[:2], -1))
+
+
 def _taken(
     unit: Blocks,
     covariance: FloatArray,
     shares: FloatArray,
-    phi: FloatArray,
+    rho: FloatArray,
     variance: FloatArray,
 ) -> FloatArray:
-    """What the fit took out of the residuals' products, in the mean, (G, L, L)."""
+    """What the fit took out of the residuals' products, in the mean, (G, L, L).
+
+    `rho` (G, L, nodes) are the noise's autocovariances at shifted lags.
+    """
     spread = spread_products(unit, covariance)
-    lags = spread.shape[1]
-    cross = np.empty((len(unit.labels), lags))
-    for lag in range(lags):
-        correlation = np.array([autocovariance(row, lag) for row in phi])[unit.channel]
-        cross[:, lag] = variance * np.sum(correlation * shares, axis=1)
-    distance = np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))
+    cross = variance[:, None] * (rho @ shares[:, :, None])[..., 0]
+    distance = np.abs(np.subtract.outer(np.arange(rho.shape[1]), np.arange(rho.shape[1])))
     return np.asarray(2.0 * cross[:, distance] - spread)
 
 
+def _correlation(unit: Blocks, phi: FloatArray) -> FloatArray:
+    """Autocovariance of the noise of each group, of unit white noise: (G, nodes)."""
+    return np.array([autocovariance(row) for row in phi])[unit.channel]
+
+
 def _covariance_by_group(
-    unit: Blocks, estimator: Estimator, far: FloatArray, phi: FloatArray, variance: FloatArray
+    estimator: Estimator, turned: FloatArray, correlation: FloatArray, variance: FloatArray
 ) -> FloatArray:
     """What the noise of each group adds to cov theta, (G, p, p)."""
-    correlation = np.array([autocovariance(row) for row in phi])[unit.channel]
-    correlation += estimator.excess * correlation**3 / correlation[:, :1] ** 2
+    correlation = correlation + estimator.excess * correlation**3 / correlation[:, :1] ** 2
     scale = estimator.weight**2 * variance
-    middle = np.einsum("gb,gbpq->gpq", scale[:, None] * correlation, far, optimize=True)
-    turned = estimator.right.T @ middle @ estimator.right
+    flat = (scale[:, None] * correlation)[:, None] @ turned
+    middle = flat.reshape(len(flat), *estimator.right.shape)
     if estimator.weak.any():
-        turned[:, estimator.weak] = 0.0
-        turned[:, :, estimator.weak] = 0.0
-        most = np.max(np.diagonal(turned, axis1=1, axis2=2), axis=1)
-        turned[:, estimator.weak, estimator.weak] = most[:, None]
-    return np.asarray(estimator.left @ turned @ estimator.left.T)
+        middle[:, estimator.weak] = 0.0
+        middle[:, :, estimator.weak] = 0.0
+        most = np.max(np.diagonal(middle, axis1=1, axis2=2), axis=1)
+        middle[:, estimator.weak, estimator.weak] = most[:, None]
+    return np.asarray(estimator.left @ middle @ estimator.left.T)
 
 
 def _covariance(
-    unit: Blocks, estimator: Estimator, far: FloatArray, phi: FloatArray, variance: FloatArray
+    estimator: Estimator, turned: FloatArray, correlation: FloatArray, variance: FloatArray
 ) -> FloatArray:
-    total = _covariance_by_group(unit, estimator, far, phi, variance).sum(axis=0)
+    total = _covariance_by_group(estimator, turned, correlation, variance).sum(axis=0)
     total = 0.5 * (total + total.T)
     # Lags beyond the longest are cut off, which leaves a little less than a covariance.
     values, vectors = np.linalg.eigh(total)
@@ -191,13 +202,13 @@ def _covariance(
 def _degrees_of_freedom(
     unit: Blocks,
     estimator: Estimator,
-    far: FloatArray,
+    turned: FloatArray,
     noise: tuple[FloatArray, FloatArray],
     products: FloatArray,
 ) -> FloatArray:
     """Satterthwaite: twice the squared variance over the variance of the variance, (p,)."""
     phi, variance = noise
-    by_group = _covariance_by_group(unit, estimator, far, phi, variance)
+    by_group = _covariance_by_group(estimator, turned, _correlation(unit, phi), variance)
     own = np.diagonal(by_group, axis1=1, axis2=2)
     freedom = np.maximum(unit.count / unit.stride, 1.0)
     uncertain = np.einsum("gi,g->i", own**2, 2.0 / freedom)
@@ -213,7 +224,8 @@ def _degrees_of_freedom(
             for sign in (1.0, -1.0):
                 moved = phi.copy()
                 moved[k, lag] += sign * step
-                shifted = _covariance_by_group(unit, estimator, far, moved, variance)
+                rho = _correlation(unit, moved)
+                shifted = _covariance_by_group(estimator, turned, rho, variance)
                 sides.append(np.diagonal(shifted.sum(axis=0)))
             slopes.append((sides[0] - sides[1]) / (2.0 * step))
         slope = np.array(slopes).reshape(phi.shape[1], own.shape[1])
