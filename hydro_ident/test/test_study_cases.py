@@ -90,6 +90,7 @@ def _begin(pool: Executor, name: str, out: Path, place: Path) -> tuple:
     (robot,) = case.glob("*.hydraulics.yaml")
     train, check = (sorted(map(str, (case / part).iterdir())) for part in ("train", "check"))
     arguments = [*train, "--robot", str(robot), "--validate", *check, "--out", str(place / "out")]
+    arguments += ["--processes", "1"]
     oracle = pool.submit(oracle_case, case, truth)
     return truth, pool.submit(diagnose.run, arguments), place / "out" / RESULT_FILE, oracle
 

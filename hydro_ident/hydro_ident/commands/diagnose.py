@@ -69,6 +69,13 @@ def parser() -> argparse.ArgumentParser:
         help="of longer recordings so many seconds are fitted, and as many verified on, in evenly"
         " spread parts (default: %(default)g)",
     )
+    p.add_argument(
+        "--processes",
+        type=int,
+        metavar="N",
+        help="fits that go on side by side, the results are the same; each takes some hundred MB"
+        " (default: as many as there are cores, at most 4)",
+    )
     p.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the results")
     add_json(p, "result.json's content")
     return p
@@ -106,6 +113,7 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
     from hydro_ident.mismatch.answer.diagnosis import diagnose
     from hydro_ident.mismatch.answer.diagnosis_file import result_dict
     from hydro_ident.mismatch.answer.outcome import NOT_ENOUGH
+    from hydro_ident.mismatch.fitting.side_by_side import cores
     from hydro_ident.mismatch.settings import DiagnosisSettings, RefineSettings
     from hydro_ident.optional import say_if_no_report
     from hydro_ident.recordings.sources import bag_sources
@@ -127,8 +135,12 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
         {source.name: source.path for source in validation},
         robot,
     )
-    refine = RefineSettings() if options.refine else None
-    settings = DiagnosisSettings(options.fixed_base, refine=refine, longest_s=options.longest)
+    settings = DiagnosisSettings(
+        options.fixed_base,
+        refine=RefineSettings() if options.refine else None,
+        longest_s=options.longest,
+        processes=cores() if options.processes is None else options.processes,
+    )
     with progress_bar():
         found = diagnose(robot, training, validation, settings)
     earlier = earlier_result(options.out)

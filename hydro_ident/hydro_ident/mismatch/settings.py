@@ -109,17 +109,20 @@ class DiagnosisSettings:
         How the effects' parameters are refined by roll-outs; None: they are not.
     longest_s : float
         Of longer recordings so much is fitted, and so much verified on, in evenly spread parts.
+    processes : int
+        How many fits may go on side by side; the results are the same.
 
     Raises
     ------
     IdentError
-        Less would be fitted than what is searched on.
+        Less would be fitted than what is searched on, or by no process at all.
     """
 
     fixed_base: bool = False
     hold_out_every: int = 5
     refine: RefineSettings | None = None
     longest_s: float = LONGEST_S
+    processes: int = 1
 
     def __post_init__(self) -> None:
         if not self.longest_s >= LONGEST_SCAN_S:
@@ -127,3 +130,5 @@ class DiagnosisSettings:
                 f"expected at least {LONGEST_SCAN_S:g} s of recording to be fitted, found"
                 f" {self.longest_s:g}"
             )
+        if self.processes < 1:
+            raise IdentError(f"expected at least 1 process, found {self.processes}")

@@ -83,7 +83,10 @@ def run(arguments: Sequence[str]) -> int:
     """Body of the program; returns the diagnosis' exit code."""
     from hydro_ident.commands.diagnose import diagnosed, parser
 
-    options = parser().parse_args(arguments)
+    own = parser()
+    # Cases are diagnosed side by side already, and each one's time is that of this process.
+    own.set_defaults(processes=1)
+    options = own.parse_args(arguments)
     start = time.process_time()
     code, found = diagnosed(options)
     times = {"diagnosis_cpu_s": time.process_time() - start}

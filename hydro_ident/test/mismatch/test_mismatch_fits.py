@@ -7,14 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from hydro_ident.mismatch.answer.outcome import MATCHES, Diagnosis
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting.fitting import fit, fit_term, settled
 from hydro_ident.mismatch.modelling.model import robot_of
-from hydro_ident.mismatch.naming.contenders import behind, leading
+from hydro_ident.mismatch.naming.contenders import leading
 from hydro_ident.mismatch.naming.contest import Contest
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.mismatch.trials.contender import Contender
@@ -87,17 +85,6 @@ def test_the_best_of_a_contest_is_fitted_to_the_end_wherever_it_starts(
     assert found.gain > 0.5 * without.squares
     # A shape moves by no more than a factor of two per pass: from 0.2 four of them lead near.
     assert 0.008 < found.term.parameters[0] < 0.02
-
-
-@given(gains=st.lists(st.floats(-10.0, 10.0), min_size=1, max_size=12))
-def test_fits_let_go_of_on_the_way_are_those_that_fall_behind_all(gains: list[float]) -> None:
-    kept = dict[int, float]()
-    for at, gain in enumerate(gains):
-        kept[at] = gain
-        for k in behind(kept):
-            del kept[k]
-        assert len(kept) <= 3
-    assert list(kept) == sorted(set(range(len(gains))) - set(behind(dict(enumerate(gains)))))
 
 
 def test_no_base_gives_energy_for_going_faster(

@@ -41,7 +41,7 @@ def rounds(monkeypatch: pytest.MonkeyPatch) -> Any:
 
         monkeypatch.setattr(confirmation, "Searcher", searcher)
         monkeypatch.setattr(confirmation, "_confirmed", lambda work, search: (None, *left.pop(0)))
-        work: Any = SimpleNamespace(scan=None, bank=None, noise_floors=dict)
+        work: Any = SimpleNamespace(scan=None, bank=None, noise_floors=dict, processes=1)
         return confirmation.searched(work, work), without
 
     return run

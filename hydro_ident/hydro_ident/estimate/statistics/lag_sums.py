@@ -79,7 +79,7 @@ def autocovariance(phi: FloatArray) -> FloatArray:
     (nodes,) array
         The Yule-Walker equations give the first, the recursion itself the others.
     """
-    return shifted_autocovariances(phi, 1)[0]
+    return np.asarray(shifted_autocovariances(phi, 1)[0])
 
 
 def shifted_autocovariances(phi: FloatArray, shifts: int) -> FloatArray:

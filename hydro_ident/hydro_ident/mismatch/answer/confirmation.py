@@ -11,6 +11,7 @@ from hydro_ident.mismatch.answer.outcome import Finding
 from hydro_ident.mismatch.answer.spoilt import made_worse
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import fit, settled
+from hydro_ident.mismatch.fitting.side_by_side import side_by_side
 from hydro_ident.mismatch.naming.contest import Contest
 from hydro_ident.mismatch.naming.name import Search, Searcher
 from hydro_ident.mismatch.naming.named import Named
@@ -33,7 +34,8 @@ def searched(work: Residuals, base: Fitted) -> tuple[Search, Fitted, list[Findin
     rejected: dict[tuple[str, str], Finding] = {}
     excluded = set[tuple[str, str]]()
     for _ in range(_ROUNDS):
-        searcher = Searcher(work.scan, base, excluded, work.bank, work.noise_floors())
+        floors = work.noise_floors()
+        searcher = Searcher(work.scan, base, excluded, work.bank, floors, work.processes)
         search = searcher.run()
         whole, findings, failed = _confirmed(work, search)
         if failed:
@@ -119,11 +121,12 @@ def _all_checked(
 
     What failed before is checked first: where it fails again the others can wait.
     """
-    found = {n: _checked(work, whole, there, n, tried) for n in due}
+    found = _each_checked(work, whole, there, due, tried)
     failed = [f for f in found.values() if not f.verification.stands]
     if failed:
         return [], failed
-    found |= {n: _checked(work, whole, there, n, tried) for n in named if n not in found}
+    rest = [n for n in named if n not in found]
+    found |= _each_checked(work, whole, there, rest, tried)
     return [found[n] for n in named], [f for f in found.values() if not f.verification.stands]
 
 
@@ -136,6 +139,19 @@ def _instead(refused: Sequence[Finding], kept: Sequence[Named]) -> list[Named]:
         if other is not None:
             chosen.append(other)
     return chosen
+
+
+def _each_checked(
+    work: Residuals, whole: Fitted, there: Fitted | None, named: Sequence[Named], tried: int
+) -> dict[Named, Finding]:
+    """Findings with what held-out rows say of each."""
+
+    def said(one: Named) -> tuple[Verification, tuple[str, ...]]:
+        found = _checked(work, whole, there, one, tried)
+        return found.verification, found.channels
+
+    told = side_by_side(said, named, work.processes)
+    return {n: Finding(n, *one) for n, one in zip(named, told, strict=True)}
 
 
 def _checked(

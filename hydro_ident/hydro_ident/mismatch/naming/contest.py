@@ -10,6 +10,7 @@ import numpy as np
 from hydro_ident.estimate.scoring.scores import GUARD_PERIODS
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting.fitting import fit, fit_term, reach_of
+from hydro_ident.mismatch.fitting.side_by_side import side_by_side
 from hydro_ident.mismatch.fitting.stepping import WAYS, is_free
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.fitting.weighed import Weighed
@@ -58,12 +59,17 @@ class Contest:
     training : Training
     few : FewMotions, optional
         Every motion is one of many by default.
+    processes : int
+        How many fits may go on side by side.
     """
 
-    def __init__(self, training: Training, few: FewMotions | None = None) -> None:
+    def __init__(
+        self, training: Training, few: FewMotions | None = None, processes: int = 1
+    ) -> None:
         self.training, self.encoders = training, Encoders(training)
         self.starts = Starts(training)
         self.few = few or FewMotions(training.predictor.material, 0.0)
+        self._processes = processes
 
     def between(
         self, current: Fitted, noise: Noise, scores: Sequence[Score], best: Score, p: float
@@ -84,7 +90,10 @@ class Contest:
             and (s.entry.rows & best.entry.rows).any()
         ][:CONTENDERS]
         without = fitted(self.training, current.model, noise)
-        terms = [start for s in chosen for start in self.starts.of(without, s, scores)]
+        begun = side_by_side(
+            lambda one: self.starts.of(without, one, scores), chosen, self._processes
+        )
+        terms = [start for starts in begun for start in starts]
         contenders = best_of_each(self.fitted(without, terms, noise))
         told = [
             c
@@ -252,17 +261,24 @@ class Contest:
         """Contenders fitted: all roughly, those not far behind the best to the end."""
         if not terms:
             return []
-        before, close, result = self.held_out(without), dict[int, Fitted](), dict[int, Contender]()
-        for at, term in enumerate(terms):
-            close[at] = fit_term(self.training, without, term, noise, _ROUGH)
-            # A fit's rows take much memory: those are let go of that can only fall further back.
-            gains = {k: without.squares - one.squares for k, one in close.items()}
-            for k in behind(gains, {k for k in close if of_all_valves(terms[k])}):
-                result[k] = self._contender(without, before, close.pop(k))
-        for k in list(close):
-            whole = fit(self.training, close.pop(k).model, noise, PASSES)
-            result[k] = self._contender(without, before, whole)
-        return [result[k] for k in range(len(terms))]
+        before = self.held_out(without)
+
+        def roughly(term: ActiveEffect) -> Contender:
+            whole = fit_term(self.training, without, term, noise, _ROUGH)
+            return self._contender(without, before, whole)
+
+        def thoroughly(one: Contender) -> Contender:
+            whole = fit(self.training, one.fitted.model, noise, PASSES)
+            return self._contender(without, before, whole)
+
+        result = side_by_side(roughly, terms, self._processes)
+        gains = {k: one.gain for k, one in enumerate(result)}
+        late = behind(gains, {k for k in gains if of_all_valves(terms[k])})
+        close = [k for k in gains if k not in late]
+        whole = side_by_side(thoroughly, [result[k] for k in close], self._processes)
+        for k, one in zip(close, whole, strict=True):
+            result[k] = one
+        return result
 
     def _contender(self, without: Fitted, before: float, whole: Fitted) -> Contender:
         term = whole.model.terms[-1]

@@ -115,6 +115,8 @@ class Searcher:
     floors : mapping of str to float, optional
         What the sensors' noise leaves of channels: in those that laws hardly bring nearer to it no
         more are looked for.
+    processes : int
+        How many fits may go on side by side.
     """
 
     def __init__(
@@ -124,11 +126,12 @@ class Searcher:
         excluded: Collection[tuple[str, str]] = (),
         bank: Bank | None = None,
         floors: Mapping[str, float] = MappingProxyType({}),
+        processes: int = 1,
     ) -> None:
         self.training, self.base, self.excluded = training, base, set(excluded)
         self.bank = bank or Bank(training.predictor)
         few = FewMotions(training.predictor.material, base.bench.blocks)
-        self.contest = Contest(training, few)
+        self.contest = Contest(training, few, processes)
         # Tried in earlier steps, and not worth what they cost.
         self._refuted = set[tuple[str, str]]()
         self._lost = GivenUp(training, base, floors)

@@ -86,6 +86,8 @@ class Residuals:
         What was found about the recordings on the way.
     bank : Bank
         What effects would look like in the rows of `scan`.
+    processes : int
+        How many fits may go on side by side.
     """
 
     robot: Robot
@@ -98,6 +100,7 @@ class Residuals:
     signals: SignalSurvey
     notes: tuple[str, ...]
     bank: Bank
+    processes: int = 1
 
     def noise_floors(self, traces: Sequence[Trace] | None = None) -> dict[str, float]:
         """What the sensors' noise alone leaves, by channel.
@@ -210,7 +213,9 @@ def residuals(
         notes += hardly_held(material, fit_rows, check_rows) if every else ()
         check = held_back(training, check_rows, moving)
     bank = Bank(scan.predictor)
-    return Residuals(robot, training, base, scan, check, traces, split, signals, notes, bank)
+    return Residuals(
+        robot, training, base, scan, check, traces, split, signals, notes, bank, settings.processes
+    )
 
 
 def _searched(

@@ -1,0 +1,87 @@
+"""Work on several things at once, on several cores: the same results as one after the other.
+
+Processes are forked, so that each sees all rows and columns without a copy of them. Only results
+travel: they should be numbers and laws, no rows by columns.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from multiprocessing.reduction import ForkingPickler
+from typing import Any, TypeVar
+
+from hydro_ident.errors import IdentError
+from hydro_model.effects.catalogue import CATALOGUE
+from hydro_model.effects.effect import Effect
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+#: More processes need more memory than what they still gain is worth.
+_MOST = 4
+
+#: What a forked process works on, and the things themselves.
+_given: tuple[Callable[[Any], Any], Sequence[Any]] | None = None
+
+
+def _effect(name: str, form: int) -> Effect:
+    return CATALOGUE[name].forms[form]
+
+
+def _named(one: Effect) -> tuple[Callable[[str, int], Effect], tuple[str, int]]:
+    return _effect, (one.name, CATALOGUE[one.name].forms.index(one))
+
+
+# An effect of the catalogue is that one also for whom a result is sent: laws are compared as such.
+ForkingPickler.register(Effect, _named)
+
+
+def cores() -> int:
+    """How many processes are worth it here: as many as there are cores to run on, at most 4."""
+    return min(len(os.sched_getaffinity(0)), _MOST)
+
+
+def side_by_side(work: Callable[[T], R], things: Sequence[T], processes: int) -> list[R]:
+    """Results in the order of the things.
+
+    Parameters
+    ----------
+    work : callable
+        Of one thing; what it changes elsewhere is lost.
+    things : sequence
+    processes : int
+        At most so many; with 1 all is done here.
+
+    Raises
+    ------
+    IdentError
+        A process ended before its work was done, as where memory is short.
+    """
+    count = min(processes, len(things))
+    if count < 2:
+        return [work(one) for one in things]
+    fork = get_context("fork")
+    try:
+        with ProcessPoolExecutor(count, fork, _begin, (work, things)) as pool:
+            return list(pool.map(_one, range(len(things))))
+    except BrokenProcessPool as error:
+        raise IdentError(
+            f"one of {count} processes ended before its work was done, as where memory is short:"
+            " --processes 1 takes least of it"
+        ) from error
+
+
+def _begin(work: Callable[[Any], Any], things: Sequence[Any]) -> None:
+    global _given
+    _given = work, things
+
+
+def _one(at: int) -> Any:
+    if _given is None:
+        raise IdentError("expected something to work on, found nothing")
+    work, things = _given
+    return work(things[at])
