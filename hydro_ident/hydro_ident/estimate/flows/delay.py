@@ -36,9 +36,10 @@ from hydro_model.robot import FloatArray, Robot
 
 __all__ = ["DelayFit", "FittedChamber", "Solve", "ValveDelay", "fit_delay"]
 
-_STEPS, _SETTLED = 30, 1.0e-13
-#: Rounds of Gauss-Newton steps; the chambers' shares are those of the round before.
-_ROUNDS = 2
+_STEPS, _SETTLED = 30, 1.0e-9
+#: Rounds of Gauss-Newton steps, and the share of a sampling interval by which the delay moved
+#: beyond which another follows: the chambers' shares are those of where a round began.
+_ROUNDS, _FAR = 2, 0.1
 #: Share of a sampling interval by which delays are off without any noise, as pressures are taken
 #: for straight within it (`python -m hydro_ident.study.pressure_coverage`: 9 us of 2 ms).
 STRAIGHT = 0.005
@@ -277,7 +278,10 @@ def _settled(
         information = {name: 1.0 / variances[name] for name in chambers}
         if sum(information.values()) <= 0.0:
             break
+        began = delay_s
         delay_s, beyond = _stepped(chambers, (weights, information), delay_s, limits, solve)
+        if abs(delay_s - began) <= _FAR * limits.step_s:
+            break
         variances = None
     steps = {name: delay_step(c, delay_s, solve) for name, c in chambers.items()}
     return _Group(chambers, delay_s, beyond, steps)
@@ -296,8 +300,8 @@ def _stepped(
     for _ in range(_STEPS):
         move = 0.0
         for name, chamber in chambers.items():
-            theta = parameters(chamber.blocks(delay_s), weights[name])
-            both = parameters(chamber.with_slope(delay_s, theta), weights[name])
+            theta = parameters(chamber.blocks(delay_s, noise=False), weights[name])
+            both = parameters(chamber.with_slope(delay_s, theta, noise=False), weights[name])
             move += float(both[-1]) * chamber.parts[0].step_s * information[name] / total
         moved = min(max(delay_s + move, 0.0), limits.longest_s)
         beyond = delay_s + move - moved

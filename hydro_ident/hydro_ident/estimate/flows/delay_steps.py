@@ -55,28 +55,33 @@ class GatheredChamber:
         extras = len(self.names) - 3
         return [combination(delay_s / p.step_s, extras, p.windows) for p in self.parts]
 
-    def blocks(self, delay_s: float) -> Blocks:
-        """Its columns at a delay in s, with their instruments."""
-        return self._blocks([combine for combine, _ in self.combines(delay_s)])
+    def blocks(self, delay_s: float, noise: bool = True) -> Blocks:
+        """Its columns at a delay in s, with their instruments.
 
-    def _blocks(self, combines: Sequence[FloatArray]) -> Blocks:
+        `noise` is that of `blocks_of`.
+        """
+        return self._blocks([combine for combine, _ in self.combines(delay_s)], noise)
+
+    def _blocks(self, combines: Sequence[FloatArray], noise: bool = True) -> Blocks:
         calm = [instruments(combine, len(self.names) - 3) for combine in combines]
-        return blocks_of([p.moments for p in self.parts], combines, calm)
+        return blocks_of([p.moments for p in self.parts], combines, calm, noise)
 
-    def with_slope(self, delay_s: float, theta: FloatArray) -> Blocks:
+    def with_slope(self, delay_s: float, theta: FloatArray, noise: bool = True) -> Blocks:
         """With the balance's slope in the delay as one more column, per sampling interval.
 
         Parameters
         ----------
         delay_s : float
         theta : (p,) array
+        noise : bool
+            As of `blocks_of`.
         """
         step_s = self.parts[0].step_s
         combines = [
             np.column_stack([combine, slope @ theta * (step_s / part.step_s)])
             for part, (combine, slope) in zip(self.parts, self.combines(delay_s), strict=True)
         ]
-        return self._blocks(combines)
+        return self._blocks(combines, noise)
 
     def with_rails(self, delay_s: float, theta: FloatArray) -> Blocks:
         """With the balance's slopes in the rails as more columns, per Pa, by `RAILS`.
@@ -132,7 +137,10 @@ def coarse_delay(
         return 0.0
     tried = np.linspace(0.0, longest_s, _TRIED)
     misfits = [
-        sum(_log_misfit(c.blocks(float(d)), weights[name]) for name, c in chambers.items())
+        sum(
+            _log_misfit(c.blocks(float(d), noise=False), weights[name])
+            for name, c in chambers.items()
+        )
         for d in tried
     ]
     return float(tried[int(np.argmin(misfits))])
@@ -216,7 +224,7 @@ def delay_variance(
         Under which the balance's slope is taken.
     solve : callable
     """
-    theta = under_weights(solve)(chamber.blocks(delay_s), weight)
+    theta = under_weights(solve)(chamber.blocks(delay_s, noise=False), weight)
     return _variance_of(solve(chamber.with_slope(delay_s, theta)), chamber.parts[0].step_s)
 
 

@@ -101,6 +101,7 @@ def blocks_of(
     moments: Sequence[Moments],
     combines: Sequence[FloatArray] | None = None,
     instruments: Sequence[FloatArray] | None = None,
+    noise: bool = True,
 ) -> Blocks:
     """Arrange moments for a fit; groups without rows are left out.
 
@@ -112,6 +113,8 @@ def blocks_of(
         Regressors as combinations of those gathered, by recording.
     instruments : sequence of (w, p) array, optional
         Instruments as combinations of the same, where moments without instruments hold them.
+    noise : bool
+        With the lags and sums that a noise model needs; parameters alone need none of them.
     """
     chosen = [
         (i, k) for i, m in enumerate(moments) for k in range(m.channels) if m.lagged[k] > 0.0
@@ -122,29 +125,28 @@ def blocks_of(
         for name in ("lagged", "effective")
     )
     labels = [moments[i].label for i, _ in chosen]
-    by_group = None if combines is None else [combines[i] for i, _ in chosen]
+    by_group, z_group = (
+        None if given is None else [given[i] for i, _ in chosen]
+        for given in (combines, instruments)
+    )
     first = moments[0]
     lags, width = first.lags + 1, first.width
     stacked = [moments[i].factor[k].reshape(-1, lags, moments[i].width) for i, k in chosen]
+    stacked = stacked if noise else [one[:, :1] for one in stacked]
     half = (width - 1) // 2 if first.instruments else 0
     z = np.array([one[..., :half] for one in stacked]) if first.instruments else None
     x, y = _split(stacked, half, by_group)
-    z_group = None if instruments is None else [instruments[i] for i, _ in chosen]
-    totals = [m.far.total for m in moments]
-    far = [totals[i][k] for i, k in chosen]
-    totals_z = [None if m.far_z is None else m.far_z.total for m in moments]
-    sums_z = [(totals_z[i], k) for i, k in chosen]
-    far_z = np.array([one[k] for one, k in sums_z if one is not None])
     found = [(moments[i].own, k) for i, k in chosen]
     own = [one[k] for one, k in found if one is not None]
     own_x, own_y = _split(own, half, by_group) if own else (None, None)
     own_z = _split(own, half, z_group)[0] if own and z_group is not None else None
     if z_group is not None:
         z = _split(stacked, half, z_group)[0]
-        far_z = np.array([c.T @ part @ c for part, c in zip(far, z_group, strict=True)])
     if by_group is not None:
-        far = [c.T @ part @ c for part, c in zip(far, by_group, strict=True)]
         x, y, z = _shortened(x, y, z)
+    far: tuple[FloatArray, FloatArray | None] = np.zeros((len(x), 0, *x.shape[3:] * 2)), None
+    if noise:
+        far = _sums_by_lag(moments, chosen, by_group, z_group)
     return Blocks(
         x,
         y,
@@ -153,13 +155,32 @@ def blocks_of(
         count,
         effective,
         tuple(labels),
-        np.array(far),
-        far_z if far_z.size else None,
+        *far,
         first.stride,
         own_x=own_x,
         own_y=own_y,
         own_z=own_z,
     )
+
+
+def _sums_by_lag(
+    moments: Sequence[Moments],
+    chosen: Sequence[tuple[int, int]],
+    combines: Sequence[FloatArray] | None,
+    instruments: Sequence[FloatArray] | None,
+) -> tuple[FloatArray, FloatArray | None]:
+    """Of the regressors of each group and of their instruments, where there are any."""
+    totals = [m.far.total for m in moments]
+    gathered = [totals[i][k] for i, k in chosen]
+    far, far_z = gathered, None
+    if moments[0].far_z is not None:
+        totals_z = [m.far_z.total for m in moments if m.far_z is not None]
+        far_z = np.array([totals_z[i][k] for i, k in chosen])
+    if instruments is not None:
+        far_z = np.array([c.T @ part @ c for part, c in zip(gathered, instruments, strict=True)])
+    if combines is not None:
+        far = [c.T @ part @ c for part, c in zip(gathered, combines, strict=True)]
+    return np.array(far), far_z
 
 
 def _split(
