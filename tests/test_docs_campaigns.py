@@ -58,6 +58,7 @@ def test_every_loader_is_fuzzed(tmp_path: Path) -> None:
         assert re.search(rf"^{name} .* 0 findings", said, re.M)
 
 
+@pytest.mark.thorough
 def test_a_sabotage_is_caught(tmp_path: Path) -> None:
     said = said_by(tmp_path, f"{ROOT}/scripts/sabotage.sh", "gaps_bridged")
     assert said.startswith("caught gaps_bridged: AssertionError")

@@ -158,6 +158,7 @@ def shell(tmp_path: Path) -> Iterator[Callable[[str], Shell]]:
         one.interrupt()
 
 
+@pytest.mark.thorough
 def test_the_labs_commands_bring_up_ask_and_record(
     shell: Callable[[str], Shell], tmp_path: Path
 ) -> None:

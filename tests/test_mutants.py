@@ -144,6 +144,7 @@ def test_what_is_missing_is_said(
     assert len(capsys.readouterr().out.splitlines()) == len(TARGETS)
 
 
+@pytest.mark.thorough
 def test_changes_are_tried_in_forks_and_the_sources_stay() -> None:
     (link,) = (target for target in TARGETS if target.name == "link")
     before = (ROOT / link.file).read_bytes()

@@ -176,6 +176,7 @@ def test_a_pump_that_cannot_lift_the_arm_is_named_and_the_arm_held() -> None:
     assert np.ptp(after, axis=0).max() < 0.01
 
 
+@pytest.mark.thorough
 def test_a_machine_far_from_its_model_that_comes_after_is_followed_on() -> None:
     """That of this seed has hardly the force for the path, by a model that knows none of it."""
     path = load_path("xs031/parallelogram")
@@ -188,6 +189,7 @@ def test_a_machine_far_from_its_model_that_comes_after_is_followed_on() -> None:
     assert not any(one.faults)
 
 
+@pytest.mark.thorough
 def test_a_load_that_nobody_told_is_taken_up_and_set_down_without_a_word() -> None:
     loads = [Payload(400.0, 1.0), Payload(0.0, 6.0)]
     one = driven((0.9, -1.3), payloads=loads)

@@ -90,6 +90,7 @@ def _files_up_to(size: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
+@pytest.mark.thorough
 def test_whatever_byte_a_file_may_not_grow_beyond_the_rest_is_read(tmp_path: Path) -> None:
     whole = tmp_path / "whole"
     assert _write(whole) == 0

@@ -198,6 +198,7 @@ def _known(row: Any) -> tuple[str, str, float | None]:
     return row.name, row.unit, row.datasheet
 
 
+@pytest.mark.thorough
 def test_listed_effects_are_predicted_by_the_names_of_identify(listing: Robot) -> None:
     motion, effects = _sway(listing, 12.0), ListedEffects.of(listing)
     _, trace = expected_trace(effects, motion, 0.002)

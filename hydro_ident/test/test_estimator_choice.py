@@ -107,6 +107,7 @@ def test_every_estimator_agrees_on_good_data(
         assert np.isfinite(b.std)
 
 
+@pytest.mark.thorough
 def test_bags_of_unlike_noise_are_weighted_by_it(robot: Robot) -> None:
     quiet = synthetic_recording(robot, 20.0, 1, Noise(force_n=50.0))
     loud = replace(

@@ -158,6 +158,7 @@ class _InMemory(_Pieces):
             yield Piece(part, slice(int(a - low), int(b - low)), start)
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("clarabel")
 def test_memory_does_not_grow_with_the_bag(
     recording: Recording, robot: Robot, monkeypatch: pytest.MonkeyPatch

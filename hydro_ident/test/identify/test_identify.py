@@ -212,6 +212,7 @@ def test_a_robot_file_without_masses_is_identified(crane_run: Any) -> None:
         assert one.value == pytest.approx(usual[one.name].value, rel=1e-3, abs=one.std), one.name
 
 
+@pytest.mark.thorough
 def test_without_masses_hardly_any_motion_is_not_enough(crane_run: Any) -> None:
     q = crane_run.q[0] + 0.02 * (crane_run.q - crane_run.q[0])
     recording = crane_run.recording(q=q)
@@ -221,6 +222,7 @@ def test_without_masses_hardly_any_motion_is_not_enough(crane_run: Any) -> None:
     assert "too little motion" in found.problems[0]
 
 
+@pytest.mark.thorough
 def test_parameters_that_no_bodies_have_are_a_problem(
     crane_run: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -30,7 +30,7 @@ def late(make_run: tuple[Callable[..., Robot], Callable[..., Any]]) -> Any:
     return simulated_run(replace(true_crane(), command_delay_s=STATED_S), 12.0)
 
 
-@pytest.mark.parametrize("stated_s", [STATED_S, 0.0074])
+@pytest.mark.parametrize("stated_s", [STATED_S, pytest.param(0.0074, marks=pytest.mark.thorough)])
 def test_a_stated_delay_of_more_than_a_cycle_is_fitted(late: Any, stated_s: float) -> None:
     """The file may be a part of a cycle off, and its own delay is no bound."""
     found = identify(_stating(stated_s), [late.recording()])
@@ -55,6 +55,7 @@ def _sampled(run: Any, every: int, name: str) -> Any:
     return replace(run, **thin).recording(name, **changes)
 
 
+@pytest.mark.thorough
 def test_lost_valve_messages_are_left_out_at_either_delay(late: Any) -> None:
     """Scores compare two delays on the same windows: those that neither moves a hole into."""
     voltage, rng = late.voltage.copy(), np.random.default_rng(2)

@@ -177,6 +177,7 @@ def test_a_new_verdict_does_not_stand_beside_an_old_model(tmp_path: Path) -> Non
     assert sorted(p.name for p in out.iterdir()) == ["mine.txt", "result.json"]
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("clarabel")
 def test_where_it_is_written_does_not_change_the_result(bag: Path, tmp_path: Path) -> None:
     for name in ("one", "two"):

@@ -90,6 +90,7 @@ def test_valves_that_agree_have_one_delay(run_of: Callable[..., Any]) -> None:
     _moduli_hold(run, fit)
 
 
+@pytest.mark.thorough
 def test_intervals_reach_as_far_as_a_delay_beyond_its_bound(run_of: Callable[..., Any]) -> None:
     """1.6 cycles where one is tried: oil and edges take up the rest, and their intervals say."""
     run = run_of(0.0032, 0.0)

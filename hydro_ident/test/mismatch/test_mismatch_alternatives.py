@@ -46,6 +46,7 @@ def test_only_what_stands_for_a_set_keeps_others_away_from_its_target(
     assert _sibling(at_lift["command_delay"], _places([named_of([lag], 0.001, 1.0)]))
 
 
+@pytest.mark.thorough
 def test_one_valve_that_is_late_is_no_delay_of_all(
     lay_out: Callable[..., Residuals], make_run: Made
 ) -> None:

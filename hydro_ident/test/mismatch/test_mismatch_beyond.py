@@ -78,6 +78,7 @@ def test_a_leak_is_confirmed_by_rows_beyond(leaking: Residuals) -> None:
     assert far.p_value <= near.p_value
 
 
+@pytest.mark.thorough
 def test_rows_beyond_refuse_a_leak_that_they_do_not_have(
     make_run: Any, lay_out: Callable[..., Residuals]
 ) -> None:

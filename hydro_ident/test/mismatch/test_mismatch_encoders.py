@@ -64,7 +64,11 @@ def test_a_spring_that_is_noise_is_told_as_noise(clean: Residuals) -> None:
     assert not encoders.tell(clean.base, found)
 
 
-@pytest.mark.parametrize("spec", [SPRING, COUPLED], ids=lambda spec: spec.name)
+@pytest.mark.parametrize(
+    "spec",
+    [pytest.param(SPRING, marks=pytest.mark.thorough, id=SPRING.name),
+     pytest.param(COUPLED, id=COUPLED.name)],
+)  # fmt: skip
 def test_what_is_there_is_told_beside_noise(
     spec: EffectSpec, make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:

@@ -70,6 +70,7 @@ def test_what_cannot_be_the_cause_leads_by_more_than_a_hair(spring: float, named
     assert leading([contact, held], []) is contact
 
 
+@pytest.mark.thorough
 def test_the_best_of_a_contest_is_fitted_to_the_end_wherever_it_starts(
     lay_out: Callable[..., Residuals], make_run: Made
 ) -> None:
@@ -87,6 +88,7 @@ def test_the_best_of_a_contest_is_fitted_to_the_end_wherever_it_starts(
     assert 0.008 < found.term.parameters[0] < 0.02
 
 
+@pytest.mark.thorough
 def test_no_base_gives_energy_for_going_faster(
     lay_out: Callable[..., Residuals], make_run: Made
 ) -> None:

@@ -95,6 +95,7 @@ def test_of_a_quick_spool_the_data_sheet_tells_more_than_a_recording(
     assert f"{LIFT}.valve_spool_lag.frequency" not in written.standard_deviations
 
 
+@pytest.mark.thorough
 def test_a_shape_that_is_listed_wrongly_is_fitted(slow_valves: Callable[..., Residuals]) -> None:
     work = slow_valves(_lag(60.0, 0.9, "lift"), _lag(16.0, 0.8, "tilt"))
     assert work.training.as_listed == LIFT_SHAPES

@@ -42,6 +42,7 @@ def plain(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
     return lay_out(simulated_run(replace(true_crane(), command_delay_s=OWN_S), 13.0))
 
 
+@pytest.mark.thorough
 def test_the_bases_delay_hides_it(late: Residuals) -> None:
     _, whole, findings, _ = searched(late, late.base)
     assert not findings

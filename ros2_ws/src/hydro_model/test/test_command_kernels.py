@@ -48,7 +48,7 @@ def _tight(robot: Robot, times: np.ndarray, volts: np.ndarray) -> np.ndarray:
     return np.array(out)
 
 
-@pytest.mark.parametrize("step_s", [0.002, 0.05])
+@pytest.mark.parametrize("step_s", [0.002, pytest.param(0.05, marks=pytest.mark.thorough)])
 def test_states_of_valves_are_those_of_a_tight_solution(make_slider, step_s) -> None:
     robot = make_slider(viscous_friction=2e4, effects=QUICK)
     times = np.arange(9) * step_s

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from hydro_model.numerics.compile_notice import notice
 
 FIRST = """
@@ -38,6 +40,7 @@ def test_only_the_first_run_says_that_it_compiles(tmp_path: Path) -> None:
     assert [said_by(FIRST, tmp_path) for _ in range(2)] == [expected, ""]
 
 
+@pytest.mark.thorough
 def test_a_run_that_needs_further_kernels_names_those(tmp_path: Path) -> None:
     # What the first run kept does not make the line of the second untrue.
     said_by(FIRST, tmp_path)
