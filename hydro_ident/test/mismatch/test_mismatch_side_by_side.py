@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,6 +46,35 @@ def test_errors_are_raised_here_and_a_process_that_dies_is_said() -> None:
         side_by_side(lambda k: 1 // k, [1, 0], 2)
     with pytest.raises(IdentError, match=r"one of 2 processes ended .* --processes 1"):
         side_by_side(lambda k: os._exit(1), [1, 2], 2)
+
+
+SLEEPING = """
+import os, time
+from hydro_ident.mismatch.fitting.side_by_side import side_by_side
+
+def sleep(_):
+    os.write(1, b"%d\\n" % os.getpid())
+    time.sleep(600)
+
+side_by_side(sleep, [0, 1], 2)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_no_process_outlives_the_one_that_asked(number: signal.Signals) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", SLEEPING], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    ) as parent:
+        assert parent.stdout is not None
+        children = [int(parent.stdout.readline()) for _ in range(2)]
+        # Ctrl-C at a terminal reaches the children as well; a kill reaches the parent alone.
+        for pid in (*children, parent.pid) if number is signal.SIGINT else (parent.pid,):
+            os.kill(pid, number)
+        assert parent.wait(20.0) != 0
+    until = time.monotonic() + 20.0
+    while any(Path(f"/proc/{pid}").exists() for pid in children):
+        assert time.monotonic() < until, "a forked process goes on"
+        time.sleep(0.05)
 
 
 def test_processes_are_at_least_one_and_no_more_than_cores() -> None:

@@ -6,7 +6,9 @@ travel: they should be numbers and laws, no rows by columns.
 
 from __future__ import annotations
 
+import ctypes
 import os
+import signal
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -23,6 +25,9 @@ R = TypeVar("R")
 
 #: More processes need more memory than what they still gain is worth.
 _MOST = 4
+
+#: Of prctl(2): the signal that a process gets when the one that forked it has ended.
+_PR_SET_PDEATHSIG = 1
 
 #: What a forked process works on, and the things themselves.
 _given: tuple[Callable[[Any], Any], Sequence[Any]] | None = None
@@ -66,7 +71,7 @@ def side_by_side(work: Callable[[T], R], things: Sequence[T], processes: int) ->
         return [work(one) for one in things]
     fork = get_context("fork")
     try:
-        with ProcessPoolExecutor(count, fork, _begin, (work, things)) as pool:
+        with ProcessPoolExecutor(count, fork, _begin, (os.getpid(), work, things)) as pool:
             return list(pool.map(_one, range(len(things))))
     except BrokenProcessPool as error:
         raise IdentError(
@@ -75,8 +80,14 @@ def side_by_side(work: Callable[[T], R], things: Sequence[T], processes: int) ->
         ) from error
 
 
-def _begin(work: Callable[[Any], Any], things: Sequence[Any]) -> None:
+def _begin(parent: int, work: Callable[[Any], Any], things: Sequence[Any]) -> None:
+    """In a process that was forked: it ends at once, and quietly, with the one that did."""
     global _given
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        os.kill(os.getpid(), signal.SIGKILL)
     _given = work, things
 
 
