@@ -10,7 +10,7 @@ import pytest
 
 from hydro_ident.mismatch.answer.outcome import MATCHES, Diagnosis
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
-from hydro_ident.mismatch.fitting.fitting import fit, fit_term, settled
+from hydro_ident.mismatch.fitting.fitting import fit, fit_term, fit_without, settled
 from hydro_ident.mismatch.modelling.model import robot_of
 from hydro_ident.mismatch.naming.contenders import leading
 from hydro_ident.mismatch.naming.contest import Contest
@@ -86,6 +86,25 @@ def test_the_best_of_a_contest_is_fitted_to_the_end_wherever_it_starts(
     assert found.gain > 0.5 * without.squares
     # A shape moves by no more than a factor of two per pass: from 0.2 four of them lead near.
     assert 0.008 < found.term.parameters[0] < 0.02
+
+
+def test_a_model_without_an_effect_is_fitted_from_the_one_with_it(rubbing: Residuals) -> None:
+    """The first step takes the slopes that are known; what it comes to is what a fit comes to."""
+    training, model = rubbing.training, rubbing.base.model
+    for one in (
+        _term("coulomb_friction", "lift_cylinder", force=2000.0),
+        _term("dead_volume", "lift_cylinder", volume_a=1e-4, volume_b=1e-4),
+    ):
+        model = model.with_term(one)
+    whole = settled(training, fit(training, model))
+    noise, rest = whole.bench.noise, whole.model.terms[1:]
+    without = fit_without(training, whole, rest)
+    whole_way = fit(training, replace(whole.model, terms=rest), noise, passes=8)
+    assert without.names == whole_way.names
+    assert without.columns.shape == whole_way.columns.shape
+    assert without.bench.noise is noise
+    assert whole.squares < 0.9 * without.squares
+    assert without.squares <= 1.001 * whole_way.squares
 
 
 @pytest.mark.thorough

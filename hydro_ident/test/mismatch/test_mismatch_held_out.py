@@ -30,7 +30,7 @@ from hydro_ident.mismatch.fitting.whitening import Noise
 from hydro_ident.mismatch.naming.named import Named, named_of
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
 from hydro_ident.mismatch.split.check import Check
-from hydro_ident.mismatch.split.held_out import STANDS, HeldOut
+from hydro_ident.mismatch.split.held_out import STANDS, HeldOut, held_out
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.mismatch.trials.contender import Contender
 from hydro_ident.mismatch.verifying.looks import Look, looked, missed, objection
@@ -57,7 +57,7 @@ def rows(work: Residuals) -> HeldOut:
     """Held-out rows of white noise of unit size, as they are predicted."""
     count = len(work.check.predictor.material.channels)
     white = Noise(tuple(np.zeros(0) for _ in range(count)), np.ones(count))
-    found = HeldOut.predicted(work.check, work.base, white)
+    found = held_out(work.check, work.base, white)[1]
     # The base's own error is put in where a test is about it.
     return replace(found, doubt=np.zeros((found.bench.measured, 0)))
 
@@ -188,7 +188,7 @@ def test_what_acts_in_a_few_blocks_is_confirmed(
     again = lay_out(simulated_run(true_crane(), 13.0), [simulated_run(true_crane(), 18.0, 3)])
     count = len(again.check.predictor.material.channels)
     white = Noise(tuple(np.zeros(0) for _ in range(count)), np.ones(count))
-    long_rows = HeldOut.predicted(again.check, again.base, white)
+    long_rows = held_out(again.check, again.base, white)[1]
     long_rows = replace(long_rows, doubt=np.zeros((long_rows.bench.measured, 0)))
     time_s = again.check.predictor.material.time_s
     rng = np.random.default_rng(11)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted, fitted_at, reweighed
@@ -48,7 +51,24 @@ def fit(training: Training, model: Model, noise: Noise | None = None, passes: in
     -------
     Fitted
     """
-    current, held = fitted(training, _owned(training, model), noise), 0
+    return taken_on(training, fitted(training, _owned(training, model), noise), noise, passes)
+
+
+def taken_on(training: Training, current: Fitted, noise: Noise | None, passes: int) -> Fitted:
+    """A fit taken further, as `fit` does from a model.
+
+    Parameters
+    ----------
+    training : Training
+    current : Fitted
+    noise : Noise or None
+    passes : int
+
+    Returns
+    -------
+    Fitted
+    """
+    held = 0
     for _ in range(passes):
         start, held = _further(training, current, held)
         if start is None:
@@ -146,11 +166,46 @@ def settled(training: Training, current: Fitted) -> Fitted:
     for _ in range(_LONGEST):
         if _promised(training, current) <= _PROMISED:
             break
-        fresh = fit(training, current.model, passes=1)
+        fresh = taken_on(training, current, None, 1)
         if fresh.model is current.model:
             break
         current = fresh
     return current
+
+
+def fit_without(
+    training: Training, whole: Fitted, terms: Sequence[ActiveEffect], passes: int = 2
+) -> Fitted:
+    """Refit a model without some of its effects, from a fit with them.
+
+    How the others' numbers move what is predicted is hardly another thing without them: the first
+    step is taken with the slopes that are known.
+
+    Parameters
+    ----------
+    training : Training
+    whole : Fitted
+    terms : sequence of ActiveEffect
+        Those that the model keeps.
+    passes : int
+
+    Returns
+    -------
+    Fitted
+        Weighed by the same noise.
+    """
+    model, noise = replace(whole.model, terms=tuple(terms)), whole.bench.noise
+    prefixes = tuple(
+        f"{t.target}.{t.effect.name}."
+        for t in whole.model.terms
+        if not any(t is one for one in terms)
+    )
+    kept = [k for k, name in enumerate(whole.names) if not name.startswith(prefixes)]
+    names, columns = tuple(whole.names[k] for k in kept), whole.columns[:, kept]
+    start = start_at(training.predictor, model)
+    bench = training.bench(noise, start.residual, columns, whole.offset)
+    begun = Fitted(model, start.residual, columns, names, bench, whole.offset, held=whole.held)
+    return taken_on(training, begun, noise, passes)
 
 
 def fit_term(

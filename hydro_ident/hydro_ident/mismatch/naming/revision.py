@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from hydro_ident.mismatch.fitting.bench import Bench
 from hydro_ident.mismatch.fitting.fitted import Fitted
-from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.fitting.fitting import fit, fit_without
 from hydro_ident.mismatch.naming.contenders import CLOSE_SHARE
 from hydro_ident.mismatch.naming.contest import Contest
 from hydro_ident.mismatch.naming.named import Named, named_of
@@ -84,8 +83,7 @@ class Revision:
             With it.
         """
         others = tuple(t for t in current.model.terms if not same(t, one.term))
-        rest, noise = replace(current.model, terms=others), current.bench.noise
-        without = fit(self._training, rest, noise, passes=2)
+        noise, without = current.bench.noise, fit_without(self._training, current, others)
         terms = [t for t in _near(one) if not any(rival(t, other) for other in others)]
         if not terms:
             return without, None

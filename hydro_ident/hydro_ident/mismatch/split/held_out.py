@@ -15,7 +15,6 @@ from hydro_ident.mismatch.fitting.prior import Prior
 from hydro_ident.mismatch.fitting.slopes import linearised
 from hydro_ident.mismatch.fitting.training import layout_of
 from hydro_ident.mismatch.fitting.whitening import IndexArray, Noise
-from hydro_ident.mismatch.rows.modelled import Model
 from hydro_ident.mismatch.settings import BLOCK_S
 from hydro_ident.mismatch.split.check import Check
 from hydro_model.robot import FloatArray
@@ -49,48 +48,6 @@ class HeldOut:
     columns: FloatArray
     used: BoolArray
     doubt: FloatArray
-
-    @staticmethod
-    def predicted(check: Check, without: Fitted, noise: Noise) -> HeldOut:
-        """Rows of a check as a model predicts them.
-
-        Parameters
-        ----------
-        check : Check
-        without : Fitted
-            The model without the finding, fitted to other rows.
-        noise : Noise
-            Of the check's channels.
-        """
-        used = check.mask & check.moving
-        residual, columns, names = linearised(check.predictor, without.model)
-        layout = layout_of(check.predictor).take(used)
-        bench = Bench(layout, noise, residual[used], np.zeros((int(used.sum()), 1)), BLOCK_S)
-        doubt = bench.beyond(columns[used] @ _root(without, names))
-        return HeldOut(check, bench, np.zeros((residual.size, 1)), used, doubt)
-
-    @staticmethod
-    def refitted(check: Check, model: Model, noise: Noise, prior: Prior | None = None) -> HeldOut:
-        """Rows of a check behind a refit of all that is in a model to them.
-
-        Parameters
-        ----------
-        check : Check
-        model : Model
-            Without the finding.
-        noise : Noise
-            Of the check's channels.
-        prior : Prior, optional
-            What is known of the check's base before: how far a refit moves it.
-        """
-        used = check.mask & check.moving
-        residual, columns, _ = linearised(check.predictor, model)
-        known = None
-        if prior is not None:
-            known = prior.rows(columns.shape[1]), np.zeros(prior.root.shape[0])
-        layout = layout_of(check.predictor).take(used)
-        bench = Bench(layout, noise, residual[used], columns[used], BLOCK_S, known)
-        return HeldOut(check, bench, columns, used, np.zeros((bench.measured, 0)))
 
     def doubted(self, refitted: HeldOut, whole: FloatArray) -> HeldOut:
         """Rows as predicted, whose model is off by what a refit gains, not by what fits say alone.
@@ -158,6 +115,36 @@ class HeldOut:
         left = residual - self.columns @ self.bench.refit(residual[self.used])
         names = self.check.predictor.material.channels
         return {n: rms(left[self.check.rows(k, n) & self.used]) for k, n in enumerate(names)}
+
+
+def held_out(
+    check: Check, without: Fitted, noise: Noise, prior: Prior | None = None
+) -> tuple[HeldOut, HeldOut]:
+    """Rows of a check behind a refit to them of all that is in a model, and as it predicts them.
+
+    Parameters
+    ----------
+    check : Check
+    without : Fitted
+        The model without the finding, fitted to other rows.
+    noise : Noise
+        Of the check's channels.
+    prior : Prior, optional
+        What is known of the check's base before: how far a refit moves it.
+    """
+    used = check.mask & check.moving
+    residual, columns, names = linearised(check.predictor, without.model)
+    known = None
+    if prior is not None:
+        known = prior.rows(columns.shape[1]), np.zeros(prior.root.shape[0])
+    layout, none = layout_of(check.predictor).take(used), np.zeros((residual.size, 1))
+    refitted = Bench(layout, noise, residual[used], columns[used], BLOCK_S, known)
+    plain = Bench(layout, noise, residual[used], none[used], BLOCK_S)
+    doubt = plain.beyond(columns[used] @ _root(without, names))
+    return (
+        HeldOut(check, refitted, columns, used, np.zeros((refitted.measured, 0))),
+        HeldOut(check, plain, none, used, doubt),
+    )
 
 
 def _root(without: Fitted, names: Sequence[str]) -> FloatArray:

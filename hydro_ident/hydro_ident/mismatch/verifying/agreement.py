@@ -103,7 +103,7 @@ def alike(check: Check, there: Fitted, term: ActiveEffect, prior: Prior | None =
     term : ActiveEffect
         As fitted to the training rows.
     prior : Prior, optional
-        As `HeldOut.refitted`.
+        As `held_out`.
     """
     used, own = check.mask & check.moving, f"{term.target}.{term.effect.name}."
     others = [k for k, name in enumerate(there.names) if not name.startswith(own)]

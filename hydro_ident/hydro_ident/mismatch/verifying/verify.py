@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.mismatch.fitting.fitted import Fitted
-from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.fitting.fitting import fit_without
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.fitting.whitening import Noise
 from hydro_ident.mismatch.naming.instants import at_own_instants
@@ -26,7 +26,7 @@ from hydro_ident.mismatch.naming.placebos import placebo_residuals
 from hydro_ident.mismatch.rows.modelled import same
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
 from hydro_ident.mismatch.split.check import Check, noise_there
-from hydro_ident.mismatch.split.held_out import STANDS, HeldOut
+from hydro_ident.mismatch.split.held_out import STANDS, held_out
 from hydro_ident.mismatch.trials.constancy import COMES_AND_GOES, COMES_AND_GOES_FLOW, inconstancy
 from hydro_ident.mismatch.trials.contender import at_a_bound
 from hydro_ident.mismatch.verifying.agreement import Agreement, agreements, alike, untold
@@ -129,7 +129,7 @@ def verify(
     terms = [t for t in whole.model.terms if same(t, mine)]
     acting = shown or _acting(check.predictor, whole.model, mine)
     check = narrow.reaching(mine, acting)
-    without = fit(training, replace(whole.model, terms=rest), whole.bench.noise, passes)
+    without = fit_without(training, whole, rest, passes)
     material = training.predictor.material
     noise = noise_there(whole.bench.noise, material.channels, check.predictor.material.channels)
     model, tried_instants = at_own_instants(training, check, whole.model)
@@ -140,8 +140,8 @@ def verify(
     elsewhere = _column(check.predictor, model, mine)
     placebos = placebo_residuals(training, without, check, plain, here, elsewhere)
     prior = check.known(training)
-    behind = HeldOut.refitted(check, lacking.model, noise, prior)
-    ahead = HeldOut.predicted(check, lacking, noise).doubted(behind, with_it)
+    behind, ahead = held_out(check, lacking, noise, prior)
+    ahead = ahead.doubted(behind, with_it)
     instants = tried_instants.get((mine.effect.name, mine.target), 1)
     # Its instants are paid for, and what was refused before it: so far down chance has to be told.
     dear = instants / FURTHER**named.refused
