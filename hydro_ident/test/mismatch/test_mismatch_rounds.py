@@ -31,9 +31,7 @@ def rounds(monkeypatch: pytest.MonkeyPatch) -> Any:
     def run(*outcomes: tuple[list[Finding], list[Finding]]) -> tuple[Any, list[set[str]]]:
         without, left = list[set[str]](), list(outcomes)
 
-        def searcher(
-            scan: Any, base: Any, excluded: set[tuple[str, str]], bank: Any, floors: Any
-        ) -> Any:
+        def searcher(_: Any, base: Any, excluded: set[tuple[str, str]], *others: Any) -> Any:
             without.append({name for name, _ in excluded})
             named = [f.named for outcome in left[:1] for each in outcome for f in each]
             search = SimpleNamespace(named=named)
