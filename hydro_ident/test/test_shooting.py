@@ -165,7 +165,7 @@ def _supposed(work: Residuals, whole: Fitted, force_n: float, std_n: float) -> F
     term = whole.model.terms[0]
     changed = replace(term, parameters=np.array([force_n, *term.parameters[1:]]))
     other = fitted(work.training, replace(whole.model, terms=(changed,)), whole.bench.noise)
-    covariance = whole.bench.covariance().copy()
+    covariance = whole.bench.covariance.copy()
     at = whole.names.index("lift_cylinder.coulomb_friction.force")
     covariance[at, :] = covariance[:, at] = 0.0
     covariance[at, at] = std_n**2

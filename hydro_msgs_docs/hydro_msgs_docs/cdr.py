@@ -269,4 +269,7 @@ def encode(
 
 
 def _doubles(values: object) -> bytes:
-    return np.atleast_1d(np.asarray(values, dtype="<f8")).tobytes()
+    array = np.asarray(values, dtype="<f8")
+    if array.ndim > 1:
+        raise CdrError(f"expected a number or a list of them, found an array of {array.shape}")
+    return array.tobytes()

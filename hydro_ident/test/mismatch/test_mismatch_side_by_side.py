@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -44,8 +46,36 @@ def test_effects_of_results_are_those_of_the_catalogue() -> None:
 def test_errors_are_raised_here_and_a_process_that_dies_is_said() -> None:
     with pytest.raises(ZeroDivisionError):
         side_by_side(lambda k: 1 // k, [1, 0], 2)
-    with pytest.raises(IdentError, match=r"one of 2 processes ended .* --processes 1"):
+    with pytest.raises(IdentError, match=r"one of 2 processes ended early, .* --processes 1"):
         side_by_side(lambda k: os._exit(1), [1, 2], 2)
+
+
+def test_an_error_does_not_wait_for_what_others_are_at() -> None:
+    began = time.monotonic()
+    with pytest.raises(ZeroDivisionError):
+        side_by_side(lambda k: time.sleep(600.0) if k else 1 // k, [1, 0], 2)
+    assert time.monotonic() - began < 60.0
+
+
+def test_a_process_that_cannot_be_had_is_said_and_leaves_none(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The second fork fails, as where memory is short: what waits for work already is ended."""
+    forks, fork = [0], os.fork
+
+    def failing() -> int:
+        forks[0] += 1
+        if forks[0] == 2:
+            raise OSError(errno.ENOMEM, "Cannot allocate memory")
+        return fork()
+
+    before = set(multiprocessing.active_children())
+    monkeypatch.setattr(os, "fork", failing)
+    with pytest.raises(IdentError, match=r"a further process cannot be had .* --processes 1"):
+        side_by_side(lambda k: k, [1, 2], 2)
+    for one in set(multiprocessing.active_children()) - before:
+        one.join(20.0)
+    assert set(multiprocessing.active_children()) == before
 
 
 SLEEPING = """

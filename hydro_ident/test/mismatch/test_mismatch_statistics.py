@@ -271,6 +271,6 @@ def test_intervals_hold_where_columns_are_nearly_as_many_as_blocks(columns: int)
         bench = Bench(layout, white, 0.7 * (common + rng.normal(size=common.size)), x, 1.0)
         assert bench.blocks == blocks
         errors.append(bench.solve())
-        variances.append(np.diag(bench.covariance()))
+        variances.append(np.diag(bench.covariance))
     off = np.std(errors, axis=0) / np.sqrt(np.mean(variances, axis=0))
     assert 0.9 < np.sqrt(np.mean(off**2)) < 1.13

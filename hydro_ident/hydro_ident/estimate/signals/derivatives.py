@@ -139,7 +139,7 @@ def low_pass(data: FloatArray, step_s: float, cutoff_hz: float, order: int) -> F
     padded[padding : padding + count] = flat
     padded[:padding] = 2.0 * flat[0] - flat[padding:0:-1]
     padded[padding + count :] = 2.0 * flat[-1] - flat[-2 : -padding - 2 : -1]
-    filter_both_ways(sections, rest, padded, np.empty((3, flat.shape[1])))
+    filter_both_ways(sections, rest, padded)
     return padded[padding : padding + count].reshape(data.shape)
 
 

@@ -107,7 +107,7 @@ def _covariance(training: Training, whole: Fitted) -> FloatArray:
         columns = whole.columns.copy()
         columns[:, at] = slopes[:, at]
         free = training.bench(whole.bench.noise, whole.residual, columns, whole.offset)
-        covariance[at], covariance[:, at] = free.covariance()[at], free.covariance()[:, at]
+        covariance[at], covariance[:, at] = free.covariance[at], free.covariance[:, at]
     return covariance
 
 

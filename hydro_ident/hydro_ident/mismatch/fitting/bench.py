@@ -189,6 +189,7 @@ class Bench:
         theta[self._pivot] = np.linalg.solve(self._r, self.basis.T @ self._whitened(column))
         return np.asarray(theta / self.scale)
 
+    @cached_property
     def covariance(self) -> FloatArray:
         """Covariance of the coefficients, robust against what is left of dependence in blocks.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,7 +52,7 @@ class Fitted:
     @property
     def covariance(self) -> FloatArray:
         """Covariance of the numbers by `names`, robust against dependence in blocks."""
-        return self.bench.covariance() if self.refined is None else self.refined
+        return self.bench.covariance if self.refined is None else self.refined
 
     @property
     def deviations(self) -> dict[str, float]:
@@ -98,8 +99,31 @@ def fitted_at(training: Training, start: Start, noise: Noise | None) -> Fitted:
     noise : Noise or None
         As for `fitted`.
     """
-    model, residual = start.model, start.residual
     columns, names = slopes_at(training.predictor, start)
+    return fitted_with(training, start, columns, names, noise)
+
+
+def fitted_with(
+    training: Training,
+    start: Start,
+    columns: FloatArray,
+    names: Sequence[str],
+    noise: Noise | None,
+) -> Fitted:
+    """A model at which residual and slopes are known, as `fitted`.
+
+    Parameters
+    ----------
+    training : Training
+    start : Start
+    columns : (N, p) array
+        As `slopes_at`; those that nothing is left to fit by are set to zero.
+    names : sequence of str
+        Of the columns.
+    noise : Noise or None
+        As for `fitted`.
+    """
+    model, residual = start.model, start.residual
     columns[:, listed_columns(training, model)] = 0.0
     offset = training.offset(model)
     noise = noise or training.noise(_refitted(training, None, residual, columns, offset))
@@ -112,7 +136,7 @@ def fitted_at(training: Training, start: Start, noise: Noise | None) -> Fitted:
         del bench  # as large as the one that is made
         bench = training.bench(noise, residual, columns, offset)
     at_bound = tuple(names[k] for k in bounded if k not in said)
-    return Fitted(model, residual, columns, names, bench, offset, held=at_bound)
+    return Fitted(model, residual, columns, tuple(names), bench, offset, held=at_bound)
 
 
 def reweighed(training: Training, one: Fitted) -> Fitted:

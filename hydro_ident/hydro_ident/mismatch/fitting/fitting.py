@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.mismatch.fitting.fitted import Fitted, fitted, fitted_at, reweighed
+from hydro_ident.mismatch.fitting.fitted import Fitted, fitted, fitted_at, fitted_with, reweighed
 from hydro_ident.mismatch.fitting.handover import handed_over
 from hydro_ident.mismatch.fitting.limits import Limits
 from hydro_ident.mismatch.fitting.slopes import Start, slopes_of, start_at
@@ -51,24 +51,19 @@ def fit(training: Training, model: Model, noise: Noise | None = None, passes: in
     -------
     Fitted
     """
-    return taken_on(training, fitted(training, _owned(training, model), noise), noise, passes)
+    return _taken_on(
+        training, lambda: fitted(training, _owned(training, model), noise), noise, passes
+    )
 
 
-def taken_on(training: Training, current: Fitted, noise: Noise | None, passes: int) -> Fitted:
+def _taken_on(
+    training: Training, begun: Callable[[], Fitted], noise: Noise | None, passes: int
+) -> Fitted:
     """A fit taken further, as `fit` does from a model.
 
-    Parameters
-    ----------
-    training : Training
-    current : Fitted
-    noise : Noise or None
-    passes : int
-
-    Returns
-    -------
-    Fitted
+    `begun` makes the first: nobody else keeps its rows.
     """
-    held = 0
+    current, held = begun(), 0
     for _ in range(passes):
         start, held = _further(training, current, held)
         if start is None:
@@ -166,10 +161,11 @@ def settled(training: Training, current: Fitted) -> Fitted:
     for _ in range(_LONGEST):
         if _promised(training, current) <= _PROMISED:
             break
-        fresh = taken_on(training, current, None, 1)
-        if fresh.model is current.model:
+        before, known = current.model, [current]
+        del current
+        current = _taken_on(training, known.pop, None, 1)
+        if current.model is before:
             break
-        current = fresh
     return current
 
 
@@ -201,11 +197,17 @@ def fit_without(
         if not any(t is one for one in terms)
     )
     kept = [k for k, name in enumerate(whole.names) if not name.startswith(prefixes)]
-    names, columns = tuple(whole.names[k] for k in kept), whole.columns[:, kept]
-    start = start_at(training.predictor, model)
-    bench = training.bench(noise, start.residual, columns, whole.offset)
-    begun = Fitted(model, start.residual, columns, names, bench, whole.offset, held=whole.held)
-    return taken_on(training, begun, noise, passes)
+
+    def begun() -> Fitted:
+        start, columns = start_at(training.predictor, model), whole.columns[:, kept]
+        # A bound that held with them need not without: such columns are nil in the whole.
+        nil = [k for k in range(start.base.shape[1]) if not columns[:, k].any()]
+        columns[:, nil] = start.base[:, nil]
+        return fitted_with(training, start, columns, [whole.names[k] for k in kept], noise)
+
+    result = _taken_on(training, begun, noise, passes)
+    # Where no step with those slopes leads further, one with its own may.
+    return result if result.model is not model else fit(training, model, noise, passes)
 
 
 def fit_term(

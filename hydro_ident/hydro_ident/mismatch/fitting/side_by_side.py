@@ -9,10 +9,11 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
+import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from multiprocessing.reduction import ForkingPickler
 from typing import Any, TypeVar
 
@@ -66,18 +67,35 @@ def side_by_side(work: Callable[[T], R], things: Sequence[T], processes: int) ->
     IdentError
         A process ended before its work was done, as where memory is short.
     """
-    count = min(processes, len(things))
+    count, others = min(processes, len(things)), set(active_children())
     if count < 2:
         return [work(one) for one in things]
-    fork = get_context("fork")
+    given = os.getpid(), work, things
+    pool = ProcessPoolExecutor(count, get_context("fork"), _begin, given)
     try:
-        with ProcessPoolExecutor(count, fork, _begin, (os.getpid(), work, things)) as pool:
-            return list(pool.map(_one, range(len(things))))
+        begun = _begun(pool, things)
+        done, _ = wait(begun, return_when=FIRST_EXCEPTION)
+        return [one.result() for one in begun if one in done]
     except BrokenProcessPool as error:
-        raise IdentError(
-            f"one of {count} processes ended before its work was done, as where memory is short:"
-            " --processes 1 takes least of it"
-        ) from error
+        raise IdentError(_short_of(f"one of {count} processes ended early")) from error
+    finally:
+        if sys.exc_info()[0] is not None:
+            # Nobody wants what the others are at.
+            for one in set(active_children()) - others:
+                one.terminate()
+        pool.shutdown()
+
+
+def _begun(pool: ProcessPoolExecutor, things: Sequence[Any]) -> list[Future[Any]]:
+    """Results to come; all processes are forked here."""
+    try:
+        return [pool.submit(_one, at) for at in range(len(things))]
+    except OSError as error:
+        raise IdentError(_short_of(f"a further process cannot be had ({error})")) from error
+
+
+def _short_of(what: str) -> str:
+    return f"{what}, as where memory is short: --processes 1 takes least of it"
 
 
 def _begin(parent: int, work: Callable[[Any], Any], things: Sequence[Any]) -> None:

@@ -126,7 +126,7 @@ class Refinable:
         into = np.zeros((len(whole.names), own.shape[0]))
         into[at, range(self.free)] = 1.0
         into[:rows, self.free :] = self.directions
-        fresh, result = into @ own @ into.T, whole.bench.covariance().copy()
+        fresh, result = into @ own @ into.T, whole.bench.covariance.copy()
         refined = np.flatnonzero(np.diag(fresh) > 0.0)
         result[refined, :] = result[:, refined] = 0.0
         result[np.ix_(refined, refined)] = fresh[np.ix_(refined, refined)]

@@ -160,5 +160,5 @@ def _value(one: Fitted, term: ActiveEffect, index: int) -> float:
 
 def _std(one: Fitted, name: str) -> float:
     k = one.names.index(name)
-    variance = float(one.bench.covariance()[k, k])
+    variance = float(one.bench.covariance[k, k])
     return math.sqrt(max(variance, 0.0)) if math.isfinite(variance) else math.inf
