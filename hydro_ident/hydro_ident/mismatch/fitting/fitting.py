@@ -33,6 +33,8 @@ _HALVINGS, _SETTLED = 4, 1.0e-7
 _SHARES, _STUCK, _POOR = (1.0, 1.0e-2, 1.0e-3, 1.0e-4), 0.1, 0.1
 #: Share of what is left that one more step has to promise to be taken, and how many are.
 _PROMISED, _LONGEST = 1.0e-3, 12
+#: Effects do little where without them no more is left than so many times what there is with them.
+_LITTLE = 2.0
 
 
 def fit(training: Training, model: Model, noise: Noise | None = None, passes: int = 3) -> Fitted:
@@ -174,8 +176,8 @@ def fit_without(
 ) -> Fitted:
     """Refit a model without some of its effects, from a fit with them.
 
-    How the others' numbers move what is predicted is hardly another thing without them: the first
-    step is taken with the slopes that are known.
+    How the others' numbers move what is predicted is hardly another thing without some that do
+    little: the first step is taken with the slopes that are known.
 
     Parameters
     ----------
@@ -197,9 +199,12 @@ def fit_without(
         if not any(t is one for one in terms)
     )
     kept = [k for k, name in enumerate(whole.names) if not name.startswith(prefixes)]
+    start = start_at(training.predictor, model)
+    if training.squares(noise, start.residual, whole.offset) > _LITTLE * whole.squares:
+        return fit(training, model, noise, passes)
 
     def begun() -> Fitted:
-        start, columns = start_at(training.predictor, model), whole.columns[:, kept]
+        columns = whole.columns[:, kept]
         # A bound that held with them need not without: such columns are nil in the whole.
         nil = [k for k in range(start.base.shape[1]) if not columns[:, k].any()]
         columns[:, nil] = start.base[:, nil]
