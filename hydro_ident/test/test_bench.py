@@ -134,6 +134,24 @@ def test_what_is_measured_is_the_command(tmp_path: Path) -> None:
         spent("hydro_ident.commands.inspect", [str(tmp_path / "nowhere")])
 
 
+FORKING = """
+import os, time
+shared = bytearray(os.urandom(2**20) * 60)
+pid = os.fork()
+if not pid:
+    own = bytearray(os.urandom(2**20) * 100)
+    time.sleep(1.0)
+    os._exit(0)
+os.waitpid(pid, 0)
+"""
+
+
+def test_memory_of_what_it_forks_counts_once() -> None:
+    """60 MiB that both see, and 100 that the forked process has for itself."""
+    taken = spent("timeit", ["-n", "1", "-r", "1", "-s", FORKING, "pass"])
+    assert 160.0 < taken.peak_mb < 200.0
+
+
 class _Wire(can.BusABC):
     """A wire that gives back what was put on it."""
 

@@ -24,7 +24,7 @@ class Spent:
     seconds : float
         From before its start until it was seen to have ended.
     peak_mb : float
-        Largest resident memory, MiB.
+        Largest resident memory, MiB; of what it forked only what is not shared with it.
     begun_s : float
         `time.monotonic` at its start, the same clock in every process.
     """
@@ -59,7 +59,8 @@ def spent(module: str, arguments: Sequence[str]) -> Spent:
         )
         peak_kb = 0
         while process.poll() is None:
-            peak_kb = max(peak_kb, status_kb(process.pid, "VmHWM"))
+            largest, now = (status_kb(process.pid, key) for key in ("VmHWM", "VmRSS"))
+            peak_kb = max(peak_kb, largest, now + _forked_kb(process.pid))
             time.sleep(_POLL_S)
         seconds = time.monotonic() - began
         if process.returncode:
@@ -86,3 +87,16 @@ def status_kb(pid: int, key: str) -> int:
     except OSError:
         return 0
     return next((int(line.split()[1]) for line in lines if line.startswith(f"{key}:")), 0)
+
+
+def _forked_kb(pid: int) -> int:
+    """Memory that the children of a process share with nobody; 0 of those that have ended."""
+    total = 0
+    try:
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()
+        for child in children:
+            lines = Path(f"/proc/{child}/smaps_rollup").read_text(encoding="ascii").splitlines()
+            total += sum(int(line.split()[1]) for line in lines if line.startswith("Private_"))
+    except OSError:
+        return total
+    return total
