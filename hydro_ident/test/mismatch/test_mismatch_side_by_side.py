@@ -43,6 +43,17 @@ def test_effects_of_results_are_those_of_the_catalogue() -> None:
     assert all(a is b for a, b in zip(forms, (*back[0], *back[1]), strict=True))
 
 
+def test_ranges_that_a_recording_gives_come_back_with_their_effect() -> None:
+    """Where something may stand, or when it began, the recording says (`places.py`)."""
+    known = [form for effect in CATALOGUE.values() for form in effect.forms if form.parameters]
+    own = [
+        replace(one, parameters=tuple(replace(spec, lower=-7.0) for spec in one.parameters))
+        for one in known
+    ]
+    back = side_by_side(lambda some: tuple(some), [own[:9], own[9:]], 2)
+    assert [*back[0], *back[1]] == own
+
+
 def test_errors_are_raised_here_and_a_process_that_dies_is_said() -> None:
     with pytest.raises(ZeroDivisionError):
         side_by_side(lambda k: 1 // k, [1, 0], 2)

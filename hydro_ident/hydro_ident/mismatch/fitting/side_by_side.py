@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from multiprocessing import active_children, get_context
 from multiprocessing.reduction import ForkingPickler
 from typing import Any, TypeVar
@@ -20,6 +21,7 @@ from typing import Any, TypeVar
 from hydro_ident.errors import IdentError
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.effects.effect import Effect
+from hydro_model.effects.law import ParameterSpec
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -34,16 +36,23 @@ _PR_SET_PDEATHSIG = 1
 _given: tuple[Callable[[Any], Any], Sequence[Any]] | None = None
 
 
-def _effect(name: str, form: int) -> Effect:
-    return CATALOGUE[name].forms[form]
+def _effect(name: str, at: int, parameters: tuple[ParameterSpec, ...] | None) -> Effect:
+    form = CATALOGUE[name].forms[at]
+    return form if parameters is None else replace(form, parameters=parameters)
 
 
-def _named(one: Effect) -> tuple[Callable[[str, int], Effect], tuple[str, int]]:
-    return _effect, (one.name, CATALOGUE[one.name].forms.index(one))
+def _reduced(one: Effect) -> tuple[Callable[..., Effect], tuple[Any, ...]]:
+    """A form of the catalogue, with the ranges that a recording gives its parameters."""
+    for at, form in enumerate(CATALOGUE[one.name].forms):
+        if form is one:
+            return _effect, (one.name, at, None)
+        if replace(form, parameters=one.parameters) == one:
+            return _effect, (one.name, at, one.parameters)
+    raise IdentError(f"expected a form of the catalogue's {one.name}, found another")
 
 
 # An effect of the catalogue is that one also for whom a result is sent: laws are compared as such.
-ForkingPickler.register(Effect, _named)
+ForkingPickler.register(Effect, _reduced)
 
 
 def cores() -> int:
