@@ -26,11 +26,14 @@ def _finding(gain: float, *after: float, silent: bool = False) -> Any:
     names = (FLOW_A, FLOW_B)[: len(after)]
     term = SimpleNamespace(effect=SimpleNamespace(name="supply_droop"), target="xs031")
     checked = SimpleNamespace(
-        silent=silent, before=dict.fromkeys(names, 1.0), after=dict(zip(names, after, strict=True))
+        silent=silent,
+        before=dict.fromkeys(names, 1.0),
+        after=dict(zip(names, after, strict=True)),
+        gain=gain,
     )
-    return SimpleNamespace(
-        named=SimpleNamespace(gain=gain, term=term), verification=checked, channels=names
-    )
+    # What it gained when it was named, before the others were, is another thing.
+    named = SimpleNamespace(gain=4000.0, term=term)
+    return SimpleNamespace(named=named, verification=checked, channels=names)
 
 
 def _channels(*at_noise: bool) -> Any:

@@ -14,7 +14,7 @@ from hydro_ident.mismatch.answer.outcome import ChannelResult, Finding
 from hydro_ident.mismatch.split.residuals import Residuals
 
 #: Shares of squares that a finding takes out at least: of held-out rows in one of its channels,
-#: or of the training rows of all of them, where a slower motion is held out.
+#: or of the training rows of all of them, where a slower motion is held out; beside all others.
 _HELD_OUT, _TRAINING = 0.01, 0.05
 
 
@@ -40,7 +40,7 @@ def parted_hardly(
 
 
 def _hardly_shows(work: Residuals, finding: Finding) -> bool:
-    checked, named = finding.verification, finding.named
+    checked = finding.verification
     if checked.silent:
         return False
     for channel in finding.channels:
@@ -49,7 +49,7 @@ def _hardly_shows(work: Residuals, finding: Finding) -> bool:
             return False
     material = work.training.predictor.material
     own = np.isin(material.channel, [material.channels.index(c) for c in finding.channels])
-    return named.gain < _TRAINING * int(np.sum(own & work.training.mask))
+    return checked.gain < _TRAINING * int(np.sum(own & work.training.mask))
 
 
 def hardly_notes(hardly: Sequence[Finding]) -> list[str]:

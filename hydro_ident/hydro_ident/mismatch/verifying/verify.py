@@ -68,6 +68,9 @@ class Verification:
         Its size is not the same all along: something else resembles it on the average.
     idle : bool
         Beside the other findings it does not stand out on the training rows either.
+    gain : float
+        What it takes out of the training rows' squares beside the others, in units of the noise's
+        variance.
     """
 
     p_value: float
@@ -80,6 +83,7 @@ class Verification:
     silent: bool = False
     comes_and_goes: bool = False
     idle: bool = False
+    gain: float = 0.0
 
     def by_base(self, channel: str) -> bool:
         """Whether rows that do not exercise it are predicted better by the base that it frees.
@@ -153,7 +157,8 @@ def verify(
     against = against or unpredicted(looks[0], acting, silent)
     against = against or vague(best, silent, acting, untold(whole, terms))
     agreement = () if silent else agreements(whole, there, terms)
-    idle = _idle(without.squares - whole.squares, named, tried)
+    gain = without.squares - whole.squares
+    idle = _idle(gain, named, tried)
     reason = at_a_bound(mine) or untold_by_few(named, mine) or idle or against
     if not silent and there is not None:
         alien = not all(alike(narrow, there, term, prior) for term in terms)
@@ -164,7 +169,7 @@ def verify(
     # What a refit to these rows leaves is no prediction of them, whatever it says of the finding.
     sides = best.paid, *looks[0].sides, best.placebo
     quiet = bool(idle) and reason == idle
-    return Verification(*sides, not reason, reason, agreement, silent, bool(going), quiet)
+    return Verification(*sides, not reason, reason, agreement, silent, bool(going), quiet, gain)
 
 
 def _whitened(training: Training, noise: Noise, column: FloatArray) -> FloatArray:
