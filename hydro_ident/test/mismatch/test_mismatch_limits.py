@@ -11,14 +11,19 @@ import pytest
 from scipy.optimize import minimize
 
 from hydro_ident.mismatch.fitting.bench import Bench
+from hydro_ident.mismatch.fitting.fitted import fitted
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.fitting.limits import Limits, solved_within
 from hydro_ident.mismatch.fitting.stepping import is_free, stepped, term_limits
 from hydro_ident.mismatch.fitting.whitening import Layout, Noise
+from hydro_ident.mismatch.naming.named import named_of
 from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.trials.contender import Contender
+from hydro_ident.mismatch.verifying.verify import verify
 from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, Robot
+from hydro_model.robot_files import load_robot
 
 ROWS = 400
 
@@ -107,3 +112,23 @@ def test_what_is_at_a_limit_does_not_keep_the_others_from_theirs(
         squares.append(fit(work.training, model, work.base.bench.noise, 12).start_squares)
     # In units of the noise's variance: another start ends as near as that from the truth.
     assert squares[1] < squares[0] + 2.0
+
+
+def test_a_size_that_ran_to_its_end_beside_what_was_named_since_is_none(
+    rubbing: Residuals,
+) -> None:
+    """As it was named it was within; in the model with the others it is not."""
+    training, base = rubbing.training, rubbing.base
+    spec = EffectSpec("coulomb_friction", "lift_cylinder", {"force": 2500.0})
+    (term,) = resolve(replace(load_robot("xs031"), effects=(spec,)))
+    whole = fit(training, base.model.with_term(term))
+    found = Contender(term, whole.weighed, base.squares - whole.squares, 1e4, 4.0)
+    named = named_of([found], 0.001, 1.0)
+    assert verify(training, whole, named, rubbing.check).stands
+    at_its_end = replace(
+        term, parameters=np.where(term.parameters == 2500.0, 1e5, term.parameters)
+    )
+    gone_on = fitted(training, base.model.with_term(at_its_end), whole.bench.noise)
+    said = verify(training, gone_on, named, rubbing.check)
+    assert not said.stands
+    assert said.reason == "its force ran to the end of what is possible (1e+05 N)"

@@ -163,11 +163,11 @@ def settled(training: Training, current: Fitted) -> Fitted:
     for _ in range(_LONGEST):
         if _promised(training, current) <= _PROMISED:
             break
-        before, known = current.model, [current]
-        del current
-        current = _taken_on(training, known.pop, None, 1)
-        if current.model is before:
+        # Under noise found anew: of what hardly shows, that of the fit before is of no size.
+        fresh = fit(training, current.model, passes=1)
+        if fresh.model is current.model:
             break
+        current = fresh
     return current
 
 

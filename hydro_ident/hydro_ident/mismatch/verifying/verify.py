@@ -159,7 +159,9 @@ def verify(
     agreement = () if silent else agreements(whole, there, terms)
     gain = without.squares - whole.squares
     idle = _idle(gain, named, tried)
-    reason = at_a_bound(mine) or untold_by_few(named, mine) or idle or against
+    # As it was named, and as it is beside the others.
+    bound = next((why for term in (mine, *terms) if (why := at_a_bound(term))), "")
+    reason = bound or untold_by_few(named, mine) or idle or against
     if not silent and there is not None:
         alien = not all(alike(narrow, there, term, prior) for term in terms)
         reason = reason or (_apart(agreement) if alien else "")
