@@ -36,7 +36,14 @@ def filter_both_ways(sections: FloatArray, rest: FloatArray, data: FloatArray) -
 def filter_columns(sections: FloatArray, rest: FloatArray, data: FloatArray, back: bool) -> None:
     """One way, column by column, two sections at a time: one need not wait for the other.
 
-    As `filter_rows`, to the last bit.
+    The numbers are those of `filter_rows` to the last bit.
+
+    Parameters
+    ----------
+    sections, rest, data : arrays
+        As of `filter_both_ways`.
+    back : bool
+        From the last row to the first.
     """
     count, width = data.shape
     for j in range(width):
