@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs linters, types, then pytest over all packages (arguments go to pytest).
 #   scripts/test.sh                 in one process more than there are cores (at most 4)
-#   scripts/test.sh --all           with the thorough tests, a quarter of an hour more
+#   scripts/test.sh --all           with the thorough tests, twenty minutes more
 #   scripts/test.sh -m 'not ros'    without the tests that start ROS processes
 #   scripts/test.sh -n 0 FILE       in one process, whose output is seen (-s) and debugged (--pdb)
 set -euo pipefail
