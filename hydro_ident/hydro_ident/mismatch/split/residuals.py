@@ -212,10 +212,8 @@ def residuals(
     else:
         notes += hardly_held(material, fit_rows, check_rows) if every else ()
         check = held_back(training, check_rows, moving)
-    bank = Bank(scan.predictor)
-    return Residuals(
-        robot, training, base, scan, check, traces, split, signals, notes, bank, settings.processes
-    )
+    found = robot, training, base, scan, check, traces, split, signals, notes
+    return Residuals(*found, Bank(scan.predictor), settings.processes)
 
 
 def _searched(

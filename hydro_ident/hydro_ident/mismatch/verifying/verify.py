@@ -159,9 +159,7 @@ def verify(
     agreement = () if silent else agreements(whole, there, terms)
     gain = without.squares - whole.squares
     idle = _idle(gain, named, tried)
-    # As it was named, and as it is beside the others.
-    bound = next((why for term in (mine, *terms) if (why := at_a_bound(term))), "")
-    reason = bound or untold_by_few(named, mine) or idle or against
+    reason = _bound(mine, *terms) or untold_by_few(named, mine) or idle or against
     if not silent and there is not None:
         alien = not all(alike(narrow, there, term, prior) for term in terms)
         reason = reason or (_apart(agreement) if alien else "")
@@ -172,6 +170,11 @@ def verify(
     sides = best.paid, *looks[0].sides, best.placebo
     quiet = bool(idle) and reason == idle
     return Verification(*sides, not reason, reason, agreement, silent, bool(going), quiet, gain)
+
+
+def _bound(*terms: ActiveEffect) -> str:
+    """Why a finding as it was named, or as it is beside the others, is none; empty for nothing."""
+    return next((why for term in terms if (why := at_a_bound(term))), "")
 
 
 def _whitened(training: Training, noise: Noise, column: FloatArray) -> FloatArray:
