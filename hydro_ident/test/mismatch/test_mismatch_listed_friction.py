@@ -12,8 +12,13 @@ import pytest
 from hydro_ident.mismatch.answer.answering import answered, base_to_search
 from hydro_ident.mismatch.fitting.as_listed import listed_effects
 from hydro_ident.mismatch.fitting.fitting import fit
-from hydro_ident.mismatch.split.listed_friction import bends_of_listed, bristle_notes
+from hydro_ident.mismatch.split.listed_friction import (
+    bends_of_listed,
+    bristle_notes,
+    with_bristles,
+)
 from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.robot import EffectSpec
 
 Make = tuple[Callable[..., Any], Callable[..., Any]]
@@ -66,10 +71,27 @@ def test_a_bend_that_the_base_does_not_show_is_none_once_it_is_found(bent: Resid
     assert [term.effect.name for term in answer.whole.model.terms] == ["presliding_friction"]
 
 
-def test_a_travel_that_is_no_dry_frictions_is_left_to_the_search(
-    make_run: Make, lay_out: Callable[..., Residuals]
-) -> None:
-    far = _bending(make_run, lay_out, 1.0e-3)
+@pytest.fixture(scope="module")
+def far(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
+    """A crane whose lift's seal bends over a millimetre."""
+    return _bending(make_run, lay_out, 1.0e-3)
+
+
+def test_a_travel_that_is_no_dry_frictions_is_left_to_the_search(far: Residuals) -> None:
     (term,) = far.base.model.terms
     assert term.effect.name == "coulomb_friction"
     assert bristle_notes(far.training, far.base) == []
+
+
+def test_what_stands_in_a_listed_laws_place_bends_no_further(
+    bent: Residuals, far: Residuals
+) -> None:
+    """However much better a longer travel fits: that would be no listed dry friction."""
+    (bristle,) = bent.base.model.terms
+    begun = with_bristles(far.training, far.base, [bristle])
+    longer = fit(far.training, begun.model, passes=8)
+    (held,) = longer.model.terms
+    assert held.parameters[1] == pytest.approx(3.0e-4, rel=1e-6)
+    free = replace(held, effect=CATALOGUE["presliding_friction"])
+    (term,) = fit(far.training, replace(longer.model, terms=(free,)), passes=8).model.terms
+    assert term.parameters[1] == pytest.approx(1.0e-3, rel=0.1)

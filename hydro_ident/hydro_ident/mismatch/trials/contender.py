@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -130,9 +130,28 @@ def as_dry(bristle: ActiveEffect) -> bool:
     ----------
     bristle : ActiveEffect
     """
+    at, most = _dry_travel(bristle)
+    return bool(bristle.parameters[at] <= most)
+
+
+def held_dry(bristle: ActiveEffect) -> ActiveEffect:
+    """A bristle that no fit bends over more than what is called dry friction still.
+
+    Parameters
+    ----------
+    bristle : ActiveEffect
+        As `as_dry`.
+    """
+    at, most = _dry_travel(bristle)
+    specs = list(bristle.effect.parameters)
+    specs[at] = replace(specs[at], upper=most)
+    return replace(bristle, effect=replace(bristle.effect, parameters=tuple(specs)))
+
+
+def _dry_travel(bristle: ActiveEffect) -> tuple[int, float]:
+    """Which parameter of a bristle is its travel, and the longest of what is dry friction."""
     parameter, least, _, _ = _limits_at(bristle)[BRISTLE]
-    at = [p.name for p in bristle.effect.parameters].index(parameter)
-    return bool(bristle.parameters[at] <= _AS_DRY * least)
+    return [p.name for p in bristle.effect.parameters].index(parameter), _AS_DRY * least
 
 
 def sizes_told(term: ActiveEffect, deviations: Mapping[str, float]) -> tuple[bool, ...]:
