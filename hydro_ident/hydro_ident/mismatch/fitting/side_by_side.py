@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
-import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -85,13 +84,14 @@ def side_by_side(work: Callable[[T], R], things: Sequence[T], processes: int) ->
         begun = _begun(pool, things)
         done, _ = wait(begun, return_when=FIRST_EXCEPTION)
         return [one.result() for one in begun if one in done]
-    except BrokenProcessPool as error:
-        raise IdentError(_short_of(f"one of {count} processes ended early")) from error
+    except BaseException as error:
+        # Nobody wants what the others are at.
+        for one in set(active_children()) - others:
+            one.terminate()
+        if isinstance(error, BrokenProcessPool):
+            raise IdentError(_short_of(f"one of {count} processes ended early")) from error
+        raise
     finally:
-        if sys.exc_info()[0] is not None:
-            # Nobody wants what the others are at.
-            for one in set(active_children()) - others:
-                one.terminate()
         pool.shutdown()
 
 
