@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from hydro_ident.errors import BagError
 from hydro_ident.inspecting.health import find_irregularities
 from hydro_ident.inspecting.inspection import ranges_of
 from hydro_ident.inspecting.inspection_reading import inspect_bag
+from hydro_ident.inspecting.signal_look import SignalLook
 from hydro_model.robot import Robot
 from hydro_msgs_docs.topics import VALVE_COMMAND, VALVE_STATE
 
@@ -246,6 +248,22 @@ def test_a_bag_written_topic_by_topic_is_read_as_one(
     known.clear()
     assert _same(_answer(path, robot, 10, 0.1), whole)
     assert known[-1].whole or known[-1].waits
+
+
+def test_a_stretch_costs_what_it_holds_however_many_were_before(
+    write_bag, run_columns, robot
+) -> None:
+    stretch = read_recording(write_bag(run_columns(N)), robot)
+    look, peaks = SignalLook(robot), []
+    tracemalloc.start()
+    for _ in range(100):
+        tracemalloc.reset_peak()
+        before = tracemalloc.get_traced_memory()[0]
+        look.add(stretch)
+        peaks.append(tracemalloc.get_traced_memory()[1] - before)
+    tracemalloc.stop()
+    assert max(peaks[-10:]) < 1.2 * max(peaks[:10])
+    assert look.silent["supply"].longest_s(0.002) == 0.0
 
 
 def test_a_bag_cut_anywhere_is_the_same_in_stretches(

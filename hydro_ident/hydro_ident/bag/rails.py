@@ -58,16 +58,22 @@ def silence_s(values: FloatArray, period_s: float) -> FloatArray:
 
 @dataclass(slots=True)
 class Silence:
-    """The longest time without a reading of a rail whose cycles come stretch by stretch."""
+    """The longest time without a reading of a rail whose cycles come stretch by stretch.
 
-    _met: int = 0
+    Attributes
+    ----------
+    met : int
+        Cycles so far; to begin with, those that were over before the rail was there.
+    """
+
+    met: int = 0
     _last: int | None = None
     _longest: int = 0
 
     def add(self, values: FloatArray) -> None:
         """Take in the next cycles, (N,); NaN where there is no reading."""
-        read = self._met + np.flatnonzero(np.isfinite(values))
-        self._met += values.size
+        read = self.met + np.flatnonzero(np.isfinite(values))
+        self.met += values.size
         if read.size:
             before = read[0] if self._last is None else self._last
             # Up to the first reading all cycles are silent.
@@ -79,8 +85,8 @@ class Silence:
     def longest_s(self, period_s: float) -> float:
         """As the largest of `silence_s` over all cycles, s; `period_s` is theirs."""
         if self._last is None:
-            return float(np.inf) if self._met else 0.0
-        return max(self._longest, self._met - 1 - self._last) * period_s
+            return float(np.inf) if self.met else 0.0
+        return max(self._longest, self.met - 1 - self._last) * period_s
 
 
 def followed(values: FloatArray | None, count: int, period_s: float) -> BoolArray:

@@ -120,7 +120,7 @@ class SignalLook:
         for rail in ("supply", "tank"):
             values = getattr(recording, rail)
             if values is not None or rail in self.silent:
-                silence = self.silent.setdefault(rail, self._silence())
+                silence = self.silent.setdefault(rail, Silence(self.cycles))
                 silence.add(np.full(count, np.nan) if values is None else values)
         self._add_ends(recording)
         self.sensors.add(recording)
@@ -132,11 +132,6 @@ class SignalLook:
             self.second_ns = int(stamps[1 - self.cycles])
         self.last_ns = int(stamps[-1])
         self.cycles += count
-
-    def _silence(self) -> Silence:
-        silence = Silence()
-        silence.add(np.full(self.cycles, np.nan))
-        return silence
 
     def _add_held(self, recording: Recording, name: str) -> None:
         values = _matrix(getattr(recording, name))
