@@ -11,6 +11,10 @@ from hydro_hw_bridge.protocol.frames import Frame
 _WRAP = 1 << 32
 #: A counter further ahead than this (37 h at 500 Hz) went back, whenever it will come around.
 _FURTHEST = 1 << 26
+#: One sync frame further ahead than this (2 s at 500 Hz) may be noise that passes its check.
+_SURE = 1 << 10
+#: For so many cycles (1 s at 500 Hz) frames of somebody else are looked out for.
+_WARY = 500
 _ALIVE = 15
 
 
@@ -60,6 +64,8 @@ class CycleCounters:
         Frames that a cycle had already.
     contradicted : int
         Cycles with two different frames of one name, of which one is not the device's.
+    held : int
+        Whole cycles that were given out as the next began, as somebody else was heard.
     """
 
     complete: int = 0
@@ -71,10 +77,16 @@ class CycleCounters:
     out_of_order: int = 0
     duplicates: int = 0
     contradicted: int = 0
+    held: int = 0
 
 
 class Assembler:
     """Collects the frames of one cycle after another; the sync frame goes first.
+
+    Noise passes the checks of a frame once in 4096 times. If it is the last of a cycle that was
+    missing, the cycle is whole before the device's own frame contradicts it. So once there was a
+    frame too many in a cycle, spoilt beside one that is not, whole cycles are held for a while
+    until the sync frame behind them: by then whatever contradicts them has come.
 
     Parameters
     ----------
@@ -98,11 +110,13 @@ class Assembler:
         self._kind = CycleKind.NEW
         self._data: dict[str, bytes] = {}
         self._seen: set[str] = set()
+        self._spoilt: set[str] = set()
+        self._wary = 0
         # Before the first cycle there is none to be missed.
         self._emitted = True
         self._open = False
         self._first_try = True
-        self._backward: int | None = None
+        self._leapt: int | None = None
 
     def add(self, frame: Frame) -> Cycle | None:
         """Take one frame of role sync or cycle.
@@ -114,18 +128,42 @@ class Assembler:
         Returns
         -------
         Cycle or None
-            The cycle that this frame completes.
+            The cycle that this frame completes, or shows that nothing contradicts.
         """
         if not frame.intact:
             self.counters.corrupt += 1
+            self._heard_spoilt(frame)
             return None
-        taken = self._sync(frame) if frame.role == "sync" else self._belongs(frame)
-        if not taken:
+        if frame.role == "sync":
+            return self._sync(frame)
+        if not self._belongs(frame):
             return None
+        self._take(frame)
+        self._beside_spoilt(frame)
+        if not self._emitted and self._wary:
+            return None
+        return self._emit() if self._is_whole() else None
+
+    def _heard_spoilt(self, frame: Frame) -> None:
+        """One beside another that is not spoilt is not the device's; a sync frame counts alone.
+
+        Of a cycle that is whole there is nothing more to be told: it may be the next one's, whose
+        sync frame was spoilt as well.
+        """
+        if frame.role != "sync" and not self._is_whole():
+            self._spoilt.add(frame.name)
+            self._beside_spoilt(frame)
+
+    def _beside_spoilt(self, frame: Frame) -> None:
+        if frame.name in self._seen and frame.name in self._spoilt:
+            self._wary = _WARY
+
+    def _take(self, frame: Frame) -> None:
         self._seen.add(frame.name)
         self._data.setdefault(frame.name, frame.data)
-        there = self._seen if self._emitted else self._data
-        return self._emit() if len(there) == self._size else None
+
+    def _is_whole(self) -> bool:
+        return len(self._seen if self._emitted else self._data) == self._size
 
     def _belongs(self, frame: Frame) -> bool:
         expected = None if self.counter is None else self.counter & _ALIVE
@@ -144,7 +182,7 @@ class Assembler:
     def _contradict(self) -> None:
         """Nobody knows which of two frames is the device's: nothing more of this try is taken."""
         self.counters.contradicted += 1
-        self._open = False
+        self._open, self._wary = False, _WARY
         if not self._emitted:
             self._data, self._seen = {}, set()
 
@@ -160,43 +198,54 @@ class Assembler:
         self._seen = set(self._data)
         return Cycle(self.counter or 0, kind, self._data)
 
-    def _sync(self, frame: Frame) -> bool:
+    def _sync(self, frame: Frame) -> Cycle | None:
+        """The cycle that was held until now, or one that has no other frame."""
         counter = self._sample_counter(frame)
         if frame.alive is not None and frame.alive != counter & _ALIVE:
             self.counters.corrupt += 1
-            return False
-        if self.counter is None:
-            self._begin(counter, CycleKind.NEW)
-            return True
-        ahead = (counter - self.counter) % _WRAP
-        if ahead > _FURTHEST:
-            return self._goes_back(counter)
-        self._backward = None
-        if ahead == 0:
-            # Begun, and begun again before it was whole; a sync frame that came twice is no try.
-            self.counters.incomplete += not self._emitted and len(self._seen) > 1
-            self._seen = set()
-            self._open, self._first_try = True, False
-        else:
-            self.counters.lost += ahead - 1
-            self._begin(counter, CycleKind.NEW)
-        return True
-
-    def _goes_back(self, counter: int) -> bool:
-        """One sync frame of the past came late; two in a row are a device that restarted."""
-        before, self._backward = self._backward, counter
-        restarted = before is not None and counter - before in (0, 1)
-        if restarted:
+            return None
+        ahead = 0 if self.counter is None else (counter - self.counter) % _WRAP
+        if ahead > _SURE and not self._is_sure(counter):
+            return None
+        self._leapt = None
+        back = ahead > _FURTHEST
+        held = None if back else self._held()
+        if back:
             self.counters.restarts += 1
             self._begin(counter, CycleKind.RESTART)
+        elif ahead or self.counter is None:
+            self.counters.lost += max(ahead - 1, 0)
+            self._begin(counter, CycleKind.NEW)
         else:
+            # Begun, and begun again before it was whole; a sync frame that came twice is no try.
+            self.counters.incomplete += not self._emitted and len(self._seen) > 1
+            self._seen, self._spoilt = set(), set()
+            self._open, self._first_try = True, False
+        self._take(frame)
+        return self._emit() if self._is_whole() else held
+
+    def _is_sure(self, counter: int) -> bool:
+        """One sync frame far from the present came late or is noise; two in a row are not.
+
+        From the past they are a device that restarted.
+        """
+        before, self._leapt = self._leapt, counter
+        sure = before is not None and (counter - before) % _WRAP in (0, 1)
+        if not sure:
             self.counters.out_of_order += 1
             # Frames that follow belong to that cycle, not to the present one.
             self._open = False
-        return restarted
+        return sure
+
+    def _held(self) -> Cycle | None:
+        if self._emitted or not self._open or not self._is_whole():
+            return None
+        self.counters.held += 1
+        return self._emit()
 
     def _begin(self, counter: int, kind: CycleKind) -> None:
         self.counters.incomplete += not self._emitted
+        self._wary = max(self._wary - 1, 0)
         self.counter, self._kind = counter, kind
-        self._data, self._seen = {}, set()
+        self._data, self._seen, self._spoilt = {}, set(), set()
         self._emitted, self._open, self._first_try = False, True, True

@@ -64,6 +64,19 @@ def test_of_a_kind_in_processes_every_promise_has_its_row(stage: Stage) -> None:
     assert (row["injections"], row["max_ms"], row["above"]) == (5, 49.0, 1)
 
 
+def test_of_all_kinds_together_it_is_told_how_far_from_the_promise_they_ended(
+    stage: Stage,
+) -> None:
+    found = wall((54.0, 49.0), (None, None), (16.0, 17.5)) + wall((6.0, 4.0), kind="machine: pump")
+    result = summary(found, stage, 0, 0)
+    beyond = result["beyond_promise_ms"]
+    assert (beyond["injections"], beyond["p50"], beyond["max"]) == (3, -2.0, 1.5)
+    run = {"date": "2026-01-01", "minutes": 1.0, "changed_since": [], **result}
+    assert "0 V -2.0 ms from it (median)" in told({"wall_time": run})
+    del run["beyond_promise_ms"]
+    assert "from it (median)" not in told({"wall_time": run})
+
+
 def test_a_run_of_before_is_told_by_kind(stage: Stage) -> None:
     result = summary(wall((54.0, 49.0), (54.0, 50.0), (None, None)), stage, 0, 0)
     for row in result["kinds"].values():

@@ -134,7 +134,7 @@ def _wall(found: Mapping[str, Any]) -> str:
         f" {found['trips_by_the_busy_computer']} trips in between that nobody asked for."
         f" A bare timer on the same machine woke {timer['wakes']} times, late by"
         f" {timer['p50']:.2f} ms (median), {timer['p99']:.2f} ms (99 %), {timer['p99.9']:.2f} ms"
-        f" (99.9 %), {timer['max']:.1f} ms at most.{_since(found)}",
+        f" (99.9 %), {timer['max']:.1f} ms at most.{_beyond(found)}{_since(found)}",
         "",
         "| fault | injections | excused by a stall | promised, ms | median, ms | 90 %, ms"
         " | worst, ms | above the promise | of them with the timer as late"
@@ -153,6 +153,18 @@ def _wall(found: Mapping[str, Any]) -> str:
             for one in rows
         ]
     return "\n".join(lines) + "\n"
+
+
+def _beyond(found: Mapping[str, Any]) -> str:
+    """How the times of all kinds lie beside what was promised; nothing of a run of before."""
+    beyond = found.get("beyond_promise_ms")
+    if not beyond:
+        return ""
+    return (
+        f" Of all {beyond['injections']} injections with a promised time the valves were at 0 V"
+        f" {beyond['p50']:+.1f} ms from it (median), {beyond['p90']:+.1f} ms (90 %),"
+        f" {beyond['p99']:+.1f} ms (99 %), {beyond['max']:+.1f} ms at most; below 0 is sooner."
+    )
 
 
 def _excused(found: Mapping[str, Any]) -> str:

@@ -116,6 +116,7 @@ def summary(found: list[WallOutcome], stage: Stage, unasked: int, left_out: int)
         "trips_by_the_busy_computer": unasked,
         "excused_by_a_stall": sum(bool(one.excused) for one in found),
         "kinds": {kind: _row(of) for kind, of in sorted(kinds.items())},
+        "beyond_promise_ms": _beyond(found),
         "timer_late_ms": {
             **{f"p{p:g}": float(np.percentile(late_ms, p)) for p in (50, 99, 99.9)},
             "max": float(late_ms.max()),
@@ -123,6 +124,15 @@ def summary(found: list[WallOutcome], stage: Stage, unasked: int, left_out: int)
         },
         "broken": [{"kind": one.kind, "what": one.broken} for one in found if one.broken],
     }
+
+
+def _beyond(found: list[WallOutcome]) -> dict[str, Any]:
+    """How much later than promised the valves were at 0 V, of all kinds; below 0: sooner."""
+    beyond = [w.above_ms for w in found if w.limit_ms is not None and w.stop_ms is not None]
+    if not beyond:
+        return {}
+    quantiles = {f"p{p:g}": float(np.percentile(beyond, p)) for p in (50, 90, 99)}
+    return {"injections": len(beyond), **quantiles, "max": max(beyond)}
 
 
 def _row(found: list[WallOutcome]) -> dict[str, Any]:

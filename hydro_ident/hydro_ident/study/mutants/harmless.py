@@ -240,10 +240,15 @@ def _assembler() -> Iterator[Harmless]:
     for name, first, values in (
         ("_kind", "CycleKind.NEW", ("pass",)),
         ("_data: dict[str, bytes]", "{}", ("pass",)),
-        ("_seen: set[str]", "set()", ("pass",)),
         ("_first_try", "True", ("pass", "False")),
+        ("_leapt: int | None", "None", ("pass",)),
+        ("_wary", "0", ("-1", "1")),
     ):
         yield from _begins("assembler", init, name, values, why, first)
+    rest = " if self.counter is None else (counter - self.counter) % _WRAP"
+    afters = (f"ahead = -1{rest}", f"ahead = 1{rest}")
+    why = "the first sync frame begins a cycle, and nothing that is at most 1 ahead was lost"
+    yield from _each("assembler", "Assembler._sync", f"ahead = 0{rest}", afters, why)
 
 
 def _sample_clock() -> Iterator[Harmless]:

@@ -117,7 +117,7 @@ TARGETS: tuple[Target, ...] = (
     Target("bus_health", "hydro_hw_bridge.bus.bus_health", (f"{_TEST}/test_bus_health.py",)),
     Target("link", "hydro_hw_bridge.bus.link", (f"{_TEST}/test_watchdogs.py",)),
     Target("amplifier", "hydro_hw_bridge.rig.amplifier", (f"{_TEST}/test_rig_amplifier.py",)),
-    Target("assembler", "hydro_hw_bridge.protocol.assembler", (f"{_TEST}/test_assembler.py",)),
+    Target("assembler", "hydro_hw_bridge.protocol.assembler", (f"{_TEST}/assembler",)),
     Target("e2e", "hydro_hw_bridge.protocol.e2e", (f"{_TEST}/test_e2e.py",)),
     Target(
         "sample_clock", "hydro_hw_bridge.protocol.sample_clock", (f"{_TEST}/test_sample_clock.py",)

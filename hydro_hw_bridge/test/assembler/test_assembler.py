@@ -10,32 +10,9 @@ import pytest
 
 from hydro_hw_bridge.protocol.assembler import Assembler, Cycle, CycleCounters, CycleKind
 from hydro_hw_bridge.protocol.codec import Codec
-from hydro_hw_bridge.protocol.frames import Frame, Readings
+from hydro_hw_bridge.protocol.frames import Frame
 
-Make = Callable[..., Readings]
 Frames = Callable[..., list[Frame]]
-
-
-@pytest.fixture
-def assembler(codec: Codec) -> Assembler:
-    return Assembler(codec.cycle_frames, codec.sample_counter)
-
-
-@pytest.fixture
-def frames(codec: Codec, readings: Make) -> Callable[..., list[Frame]]:
-    """The frames of a cycle; the lift pressure tells the cycles apart."""
-
-    def make(counter: int) -> list[Frame]:
-        mark = 500.0 * (counter % 1000)
-        values = readings(
-            counter,
-            positions=(counter % 1000 * 1e-3, counter % 1000 * 1e-3),
-            pressures_pa=(mark, mark, mark, mark, mark, mark),
-        )
-        received = [codec.receive(message) for message in codec.encode_cycle(values)]
-        return [frame for frame in received if frame is not None]
-
-    return make
 
 
 def feed(assembler: Assembler, frames: list[Frame]) -> list[Cycle]:
@@ -97,12 +74,13 @@ def test_whole_cycles_lost_are_counted(assembler: Assembler, frames: Frames) -> 
     assert assembler.counters.lost == 19
 
 
-def test_corrupt_frames_update_nothing(assembler: Assembler, frames: Frames) -> None:
+def test_corrupt_frames_update_nothing(assembler: Assembler, frames: Frames, codec: Codec) -> None:
     part = frames(1)
     bad = replace(part[2], intact=False, data=bytes(8))
     assert feed(assembler, [part[0], bad, *part[1:2], *part[3:]]) == []
     assert assembler.counters.corrupt == 1
-    assert len(feed(assembler, [part[2]])) == 1
+    (cycle,) = feed(assembler, [part[2], part[0]])
+    assert_unmixed(codec, cycle)
 
 
 def test_a_sync_whose_alive_counter_is_not_its_sample_counter_is_corrupt(
@@ -182,7 +160,7 @@ def test_of_two_different_frames_none_is_used(
     cycle = [*true, false[2]] if complete else [*true[:3], false[2], *true[3:]]
     assert len(feed(assembler, cycle)) == complete
     assert assembler.counters.contradicted == 1
-    assert_unmixed(codec, feed(assembler, frames(6))[0])
+    assert_unmixed(codec, feed(assembler, [*frames(6), frames(7)[0]])[0])
 
 
 def test_a_contradicted_cycle_may_be_sent_again(
@@ -190,7 +168,7 @@ def test_a_contradicted_cycle_may_be_sent_again(
 ) -> None:
     true, false = frames(5), frames(21)
     assert feed(assembler, [*true[:2], false[2], *true[2:]]) == []
-    assert_unmixed(codec, feed(assembler, true)[0])
+    assert_unmixed(codec, feed(assembler, [*true, true[0]])[0])
 
 
 @pytest.mark.parametrize("complete", [False, True])
@@ -202,7 +180,8 @@ def test_an_intruder_contradicts_once_a_cycle_and_none_of_its_frames_is_kept(
     assert len(feed(assembler, [*true[:heard], *false[1:], *true[heard:]])) == complete
     assert assembler.counters.contradicted == 1
     assert assembler.counters.out_of_order == 3 + 5 - heard
-    assert_unmixed(codec, feed(assembler, true)[0])  # the device sends the cycle again
+    # The device sends the cycle again, and again.
+    assert_unmixed(codec, feed(assembler, [*true, *true])[0])
 
 
 def test_a_corrupt_sync_after_a_contradiction_is_in_no_sample(
@@ -212,7 +191,7 @@ def test_a_corrupt_sync_after_a_contradiction_is_in_no_sample(
     wrong = replace(frames(6)[0], alive=true[0].alive)  # counter and alive counter of two cycles
     assert feed(assembler, [*true[:2], false[1], wrong]) == []
     assert assembler.counters == CycleCounters(contradicted=1, corrupt=1)
-    assert_unmixed(codec, feed(assembler, true)[0])
+    assert_unmixed(codec, feed(assembler, [*true, true[0]])[0])
 
 
 @pytest.mark.parametrize("heard", [2, 3])
@@ -290,14 +269,37 @@ def test_two_cycles_in_a_row_from_the_past_are_a_restart(
     assert_unmixed(codec, cycles[0])
 
 
-@pytest.mark.parametrize(("far", "kinds"), [(0, ["new", "new"]), (1, ["restart"])])
+@pytest.mark.parametrize(("far", "kind"), [(-1, "new"), (0, "restart")])
 def test_what_is_further_ahead_than_37_hours_went_back(
-    assembler: Assembler, frames: Frames, far: int, kinds: list[str]
+    assembler: Assembler, frames: Frames, far: int, kind: str
 ) -> None:
     feed(assembler, frames(7))
     next_one = 7 + 2**26 + far
     cycles = feed(assembler, frames(next_one)) + feed(assembler, frames(next_one + 1))
-    assert [c.kind.value for c in cycles] == kinds
+    assert [c.kind.value for c in cycles] == [kind]
+
+
+@pytest.mark.parametrize("start", [7, 2**32 - 1000])
+@pytest.mark.parametrize("ahead", [2**10, 2**10 + 1, 2**26 - 1])
+def test_one_sync_frame_far_ahead_is_no_leap_and_two_in_a_row_are(
+    assembler: Assembler, frames: Frames, codec: Codec, start: int, ahead: int
+) -> None:
+    far, sure = (start + ahead) % 2**32, ahead == 2**10
+    feed(assembler, frames(start))
+    assert len(feed(assembler, frames(far))) == sure
+    assert assembler.counters.out_of_order == (0 if sure else 5)
+    if not sure:
+        # The device goes on where it was: nothing was lost, and the next leap is a first one.
+        assert [c.counter for c in feed(assembler, frames(start + 1))] == [start + 1]
+        assert assembler.counters.lost == 0
+        assert feed(assembler, frames((far + 1) % 2**32)) == []
+        ahead += 1
+        far = (far + 2) % 2**32
+        (cycle,) = feed(assembler, frames(far))
+        assert (cycle.counter, cycle.kind) == (far, CycleKind.NEW)
+        assert_unmixed(codec, cycle)
+    assert assembler.counters.lost == ahead - 1
+    assert assembler.counters.restarts == 0
 
 
 def test_a_restarted_lockstep_device_repeats_its_first_cycle(
