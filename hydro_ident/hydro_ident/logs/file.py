@@ -7,12 +7,14 @@ the mapping's (`hydro_ident.logs.map`).
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from hydro_ident.bag.log_kinds import TEXT, instead_of_log, is_text
 from hydro_ident.errors import BagError
+from hydro_ident.logs.units import unit_in
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 _MAX_NAMES = 12
@@ -20,6 +22,8 @@ _MAX_NAMES = 12
 SHOWN = 60
 #: What a packed log may unfold to: so much, and so many times its size.
 _FREE_BYTES, LARGEST_RATIO = 1 << 26, 100
+#: Of a matrix' column: `q_deg[2]`.
+_INDEX = re.compile(r"\[\d+\]$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +56,8 @@ class Log:
         By the file's own names; NaN where the file has no value. Signals of different rates may
         differ in length.
     units : mapping of str to str
-        Of the signals for which the file gives one, as it writes it.
+        Of the signals for which the file gives one, as it writes it; of the others `read_log`
+        takes what their names carry.
     clocks : mapping of str to str
         Signal to the signal that holds its time, where the file pairs them.
     start : str
@@ -170,7 +175,7 @@ def read_log(path: str | Path, layout: CsvLayout | None = None) -> Log:
     if is_text(path) and path.is_file():
         from hydro_ident.logs.text import read_text_log
 
-        return read_text_log(path, layout or CsvLayout())
+        return _with_units(read_text_log(path, layout or CsvLayout()))
     reader = _READERS.get(kind)
     if reader is None:
         found = "a folder" if path.is_dir() else f"'{kind}'"
@@ -181,7 +186,14 @@ def read_log(path: str | Path, layout: CsvLayout | None = None) -> Log:
     log = reader(path)
     if not log.columns:
         raise BagError(f"{path}: expected signals, found no column of numbers")
-    return log
+    return _with_units(log)
+
+
+def _with_units(log: Log) -> Log:
+    """A log with the units that names carry, in whatever format, where the file gives none."""
+    units = {name: log.units.get(name) or unit_in(_INDEX.sub("", name)) for name in log.columns}
+    units |= dict.fromkeys(log.dated, "s")  # a date in `time_ms` is no number of milliseconds
+    return replace(log, units={name: unit for name, unit in units.items() if unit})
 
 
 def _read_mat(path: Path) -> Log:

@@ -22,7 +22,6 @@ from hydro_ident.errors import BagError
 from hydro_ident.logs.cells import Row, check_once, columns_of, is_number, numbers
 from hydro_ident.logs.file import CsvLayout, Log
 from hydro_ident.logs.text import dialect, split
-from hydro_ident.logs.units import unit_in
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 Lines = Sequence[tuple[int, str]]
@@ -84,7 +83,6 @@ def read_control_desk(path: Path, lines: Lines, layout: CsvLayout) -> Log:
         lines_at |= dict.fromkeys(names, cells.lines)
         clocks |= dict.fromkeys(names[1:], time)
         given = next((row for tag, row in described.items() if "unit" in tag), [])
-        units |= {n: unit_in(n) for n in names if unit_in(n)}
         units |= {n: u.strip("[]") for n, u in zip(names, given, strict=False) if u}
     return Log(path, columns, units=units, clocks=clocks, notes=tuple(notes), lines=lines_at)
 
@@ -162,13 +160,12 @@ def read_labview(path: Path, lines: Lines) -> Log:
     }
     times = [name for name in columns if name.startswith("X_Value")]
     clocks = _clocks(list(columns), times)
-    units = {n: unit_in(n) for n in columns if unit_in(n)}
     labels = first.get("Y_Unit_Label", [])
     labelled = [n for n in columns if n not in times]
     if len(times) > 1 and len(labels) >= len(columns) - 1 and not any(labels[1::2]):
         # A cell of the header above each column, those of X empty.
         labelled = list(columns)[1:]
-    units |= {n: u for n, u in zip(labelled, labels, strict=False) if u}
+    units = {n: u for n, u in zip(labelled, labels, strict=False) if u}
     units |= dict.fromkeys(times, "s")
     notes = ("LabVIEW measurement file" + (f", {len(parts)} segments" if len(parts) > 1 else ""),)
     start = begun.isoformat() if begun is not None else ""

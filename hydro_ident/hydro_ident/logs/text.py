@@ -18,7 +18,7 @@ from hydro_ident.logs.cells import Row, check_names, columns_of, commas_are_deci
 from hydro_ident.logs.dates import is_moment
 from hydro_ident.logs.file import LARGEST_RATIO, CsvLayout, Log, most_unfolded
 from hydro_ident.logs.memory import TextSize, read_text
-from hydro_ident.logs.units import spelt, unit_in
+from hydro_ident.logs.units import spelt
 
 #: Lines from the middle of a file that tell delimiter and decimal sign.
 _SAMPLED = 200
@@ -208,11 +208,10 @@ def _header(path: Path, rows: Sequence[Row], data: Row) -> tuple[list[str], dict
             f"{path}, line {data[0]}: expected {len(names)} columns, found {len(data[1])}"
         )
     given = head[-1] if with_units else []
-    units = {name: unit_in(name) for name in names}
-    units |= {
+    units = {
         name: text.strip().strip("[]()") for name, text in zip(names, given, strict=False) if text
     }
-    return names, {name: unit for name, unit in units.items() if unit}, named
+    return names, units, named
 
 
 def _known_units(row: Sequence[str]) -> int:
