@@ -7,7 +7,10 @@ import os
 import pty
 import subprocess
 import sys
-from collections.abc import Sequence
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -79,6 +82,7 @@ def test_a_log_gets_a_line_per_stage_and_one_now_and_then(monkeypatch) -> None:
     log, clock = io.StringIO(), [100.0]
     monkeypatch.setattr(terminal, "sys", SimpleNamespace(stderr=log, stdout=sys.stdout))
     monkeypatch.setattr(terminal, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    monkeypatch.setattr(terminal, "_TICK_S", 60.0)  # between setting the clock and `advance`
     with terminal.progress_bar():
         for second in range(120):
             clock[0] = 100.0 + second
@@ -88,6 +92,108 @@ def test_a_log_gets_a_line_per_stage_and_one_now_and_then(monkeypatch) -> None:
         "15 s: reading (12%)", "20 s: fitting (17%)", "50 s: fitting (42%)",
         "80 s: fitting (67%)", "110 s: fitting (92%)",
     ]  # fmt: skip
+
+
+def _until(what: Callable[[], object]) -> None:
+    """Wait for a thread's work; of one that does not come the caller's assertion tells."""
+    until = time.monotonic() + 20.0
+    while not what() and time.monotonic() < until:
+        time.sleep(0.005)
+
+
+def test_a_log_names_the_stage_that_began_before_the_quiet_time_ended(monkeypatch) -> None:
+    """A stage that said so once, and then nothing for minutes, had left a log empty."""
+    log, clock = io.StringIO(), [100.0]
+    monkeypatch.setattr(terminal, "sys", SimpleNamespace(stderr=log, stdout=sys.stdout))
+    monkeypatch.setattr(terminal, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    monkeypatch.setattr(terminal, "_TICK_S", 0.001)
+    with terminal.progress_bar():
+        clock[0] += 3.0
+        terminal.advance("reading", 1, 4)
+        terminal.advance("searching", 3, 7)
+        for count, seconds in enumerate((16.0, 46.0, 76.0), 1):
+            clock[0] = 100.0 + seconds
+            _until(lambda count=count: len(log.getvalue().splitlines()) == count)
+    assert log.getvalue().splitlines() == [
+        "16 s: searching (43%)", "46 s: searching (43%)", "76 s: searching (43%)",
+    ]  # fmt: skip
+
+
+def test_the_seconds_of_a_bar_go_on_while_a_stage_says_nothing(
+    screen: Screen, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [100.0]
+    monkeypatch.setattr(terminal, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    monkeypatch.setattr(terminal, "_TICK_S", 0.001)
+    with terminal.progress_bar():
+        terminal.advance("searching", 3, 7)
+        clock[0] += 71.0
+        _until(lambda: " 43%    71 s  searching" in screen.getvalue())
+    assert " 43%    71 s  searching" in screen.getvalue()
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_no_thread_is_left_and_nothing_is_written_behind_a_bar(
+    screen: Screen, fails: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before, inside = threading.enumerate(), list[threading.Thread]()
+    monkeypatch.setattr(terminal, "_TICK_S", 0.001)
+
+    def work() -> None:
+        with terminal.progress_bar():
+            terminal.advance("x", 1, 2)
+            inside.extend(set(threading.enumerate()) - set(before))
+            if fails:
+                raise ValueError("inside")
+
+    with pytest.raises(ValueError, match="inside") if fails else nullcontext():
+        work()
+    (thread,) = inside
+    assert not thread.is_alive()
+    assert screen.getvalue().endswith("\r\x1b[2K")
+
+
+FORKS = """
+import os, sys, threading, time
+from hydro_model.command_line import terminal
+
+class Slow:
+    # As a stream has it, a lock while it writes; here nearly always.
+    lock = threading.Lock()
+    def isatty(self):
+        return False
+    def write(self, text):
+        with self.lock:
+            time.sleep(0.001)
+            os.write(2, text.encode())
+    def flush(self):
+        pass
+
+sys.stderr = Slow()
+terminal._TICK_S = terminal._QUIET_S = terminal._LINE_EVERY_S = 0.0
+with terminal.progress_bar():
+    terminal.advance("parent", 1, 2)
+    for _ in range(100):
+        child = os.fork()
+        if child == 0:
+            terminal.advance("child", 1, 2)
+            with terminal.progress_bar():
+                terminal.advance("child", 1, 2)
+            sys.stderr.write("own\\n")
+            os._exit(0)
+        assert os.waitpid(child, 0)[1] == 0
+"""
+
+
+def test_a_process_that_is_forked_while_a_line_is_written_neither_waits_nor_writes() -> None:
+    """The thread writes without a pause: forked amid that, a child would wait for its lock."""
+    done = subprocess.run(
+        [sys.executable, "-c", FORKS], capture_output=True, text=True, timeout=120, check=True
+    )
+    assert done.stdout == ""
+    assert done.stderr.count("own") == 100
+    assert "parent" in done.stderr
+    assert "child" not in done.stderr
 
 
 def test_a_failure_clears_the_bar(screen: Screen) -> None:

@@ -1,8 +1,9 @@
 """What a command shows on a terminal and nowhere else: colours, and progress of long work.
 
 Long work calls `advance` wherever it is; a command that wants its progress shown does its work
-inside `progress_bar`: a bar on a terminal, plain lines now and then in a log. Without it, in
-worker processes and in tests, `advance` does nothing.
+inside `progress_bar`: a bar on a terminal, plain lines now and then in a log. A thread of its own
+keeps both going while a stage says nothing for long. Without it, in processes that are forked
+inside it and in tests, `advance` does nothing.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,6 +22,8 @@ _CLEAR = "\r\x1b[2K"
 _WIDTH, _EVERY_S = 24, 0.1
 #: In a log: nothing of work that is soon done, then a line per stage, and one now and then.
 _QUIET_S, _LINE_EVERY_S = 15.0, 30.0
+#: How often a stage that says nothing is drawn again: as often as its seconds change.
+_TICK_S = 1.0
 
 
 def is_terminal(stream: TextIO) -> bool:
@@ -113,6 +117,38 @@ class _Listener:
 
 
 _bar: _Bar | _Lines | _Listener | None = None
+#: The last that `advance` was told inside `progress_bar`.
+_said: tuple[str, int, int] | None = None
+#: Held by whoever writes a bar or lines, and while a process is forked.
+_drawing = threading.RLock()
+
+
+def _forked() -> None:
+    """In a process that was forked: the bar is its parent's, and the thread is not there."""
+    global _bar, _drawing
+    _drawing = threading.RLock()
+    _bar = _bar and _Listener(lambda what, done, total: None)
+
+
+# Nobody is in the middle of writing when a process is forked: it would find standard error locked
+# for good, by a thread that it does not have.
+os.register_at_fork(
+    before=lambda: _drawing.acquire(),
+    after_in_parent=lambda: _drawing.release(),
+    after_in_child=_forked,
+)
+
+
+def _keep_drawing(bar: _Bar | _Lines, ended: threading.Event) -> None:
+    """Draw what was said last again and again: a stage that takes long shows that it goes on."""
+    while not ended.wait(_TICK_S):
+        with _drawing:
+            if _said is None or ended.is_set():
+                continue
+            try:
+                bar.draw(*_said)
+            except OSError:  # nobody reads it any more, which `advance` is told as well
+                return
 
 
 @contextmanager
@@ -138,16 +174,22 @@ def progress_bar() -> Iterator[None]:
 
     Results go to standard output or to files, also as JSON: progress is in nobody's way there.
     """
-    global _bar
+    global _bar, _said
     if _bar is not None:
         yield
         return
-    _bar = _Bar(sys.stderr) if is_terminal(sys.stderr) else _Lines(sys.stderr)
+    bar = _Bar(sys.stderr) if is_terminal(sys.stderr) else _Lines(sys.stderr)
+    _bar, _said, ended = bar, None, threading.Event()
+    thread = threading.Thread(target=_keep_drawing, args=(bar, ended), name="bar", daemon=True)
+    thread.start()
     try:
         yield
     finally:
-        _bar.clear()
-        _bar = None
+        if _bar is bar:  # not where a fork of it ends
+            ended.set()
+            thread.join()
+            _bar = None
+            bar.clear()
 
 
 def advance(what: str, done: int, total: int) -> None:
@@ -160,8 +202,11 @@ def advance(what: str, done: int, total: int) -> None:
     done, total : int
         Steps; the last call of a stage may leave them unequal.
     """
+    global _said
     if _bar is not None:
-        _bar.draw(what, done, total)
+        with _drawing:
+            _said = what, done, total
+            _bar.draw(what, done, total)
 
 
 def say(text: str) -> None:
@@ -171,6 +216,7 @@ def say(text: str) -> None:
     ----------
     text : str
     """
-    if _bar is not None:
-        _bar.clear()
-    print(text, flush=True)
+    with _drawing:
+        if _bar is not None:
+            _bar.clear()
+        print(text, flush=True)
