@@ -314,6 +314,14 @@ def test_bad_usage_is_one_line_and_exit_2(
         assert told.startswith("sim_rig: ")
 
 
+@pytest.mark.parametrize("seed", ["-1", "x", "1.5"])
+def test_a_seed_that_is_none_is_said_so(seed: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        run_rig(["--seed", seed])
+    told = f"argument --seed: expected a whole number of 0 or more, found '{seed}'"
+    assert capsys.readouterr().err == f"sim_rig: error: {told}; see sim_rig --help\n"
+
+
 def test_existing_side_file_is_left_alone(tmp_path: Path) -> None:
     out = tmp_path / "truth.npz"
     out.write_text("precious")

@@ -228,7 +228,7 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
         BagWriter(path)
     assert {p.name: p.read_bytes() for p in path.iterdir()} == before
     (tmp_path / "file").touch()
-    with pytest.raises(BagError, match="cannot be written"):
+    with pytest.raises(BagError, match="cannot be written: Not a directory; give another place"):
         BagWriter(tmp_path / "file" / "bag")
 
 

@@ -67,6 +67,23 @@ def test_both_commands_that_are_named_are_commands(tmp_path: Path) -> None:
     assert read_bag(tmp_path / "BAG").count > 0
 
 
+@pytest.mark.parametrize(
+    ("name", "way"),
+    [
+        (
+            "passwd",
+            "; give a folder of rosbag2 or its .mcap file, or make one of a log with convert",
+        ),
+        ("run.mcap", "; its first bytes are gone: copy it once more from where it was recorded"),
+    ],
+)
+def test_what_is_no_bag_says_what_to_give(name: str, way: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(b"root:x:0")
+    with pytest.raises(BagError, match="found bytes 72 6f 6f 74 3a 78 3a 30") as refused:
+        read_bag(tmp_path / name)
+    assert str(refused.value).endswith(way)
+
+
 def test_a_folder_of_logs_names_one_of_them(tmp_path: Path) -> None:
     log = a_log(tmp_path, ".csv")
     with pytest.raises(BagError, match=r"with \.mcap files, found none.*convert") as refused:

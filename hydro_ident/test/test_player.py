@@ -267,4 +267,4 @@ def test_bad_input_is_one_line(tmp_path, write_bag, run_columns, capsys) -> None
         with pytest.raises(SystemExit) as usage:
             main([path, "--rate", bad])
         assert usage.value.code == 2
-        capsys.readouterr()
+        assert f"expected a rate above 0, found '{bad}'" in capsys.readouterr().err

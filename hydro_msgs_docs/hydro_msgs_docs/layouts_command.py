@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from hydro_model.command_line.command import Parser, run_command
-from hydro_model.command_line.output import add_json, report_files, write_text
+from hydro_model.command_line.output import add_json, report_files, unwritable, write_text
 from hydro_model.errors import HydroError
 
 
@@ -68,5 +68,5 @@ def write_layouts(texts: Mapping[Path, str]) -> None:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise LayoutError(f"{path}: cannot be written: {error.strerror}") from error
+            raise LayoutError(unwritable(path, error)) from error
         write_text(path, text)

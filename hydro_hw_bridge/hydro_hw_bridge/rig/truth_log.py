@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from hydro_hw_bridge.errors import BridgeError
+from hydro_model.command_line.output import unwritable
 from hydro_model.robot import FloatArray
 
 ROWS_PER_WRITE = 250
@@ -90,7 +91,7 @@ class TruthLog:
             self._stream.write(json.dumps(head).encode() + b"\n")
             self._stream.flush()
         except OSError as error:
-            raise BridgeError(f"truth file {path} cannot be written: {error.strerror}") from error
+            raise BridgeError(f"truth file {unwritable(path, error)}") from error
 
     def append(self, row: FloatArray) -> None:
         """Add the row of one cycle."""

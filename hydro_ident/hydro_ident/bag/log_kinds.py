@@ -28,7 +28,7 @@ _OTHER = {
 }
 _UNKNOWN = "export it as CSV or MAT from the program that wrote it"
 _BAG = "a bag already: inspect, identify and diagnose take it as it is"
-_SQLITE = ".db3"
+_SQLITE, _MCAP = ".db3", ".mcap"
 
 
 def is_text(path: Path) -> bool:
@@ -64,7 +64,7 @@ def instead_of_log(path: Path) -> str:
     str
     """
     kind = path.suffix.lower()
-    if kind == ".mcap" or (path.is_dir() and any(path.glob("*.mcap"))):
+    if kind == _MCAP or (path.is_dir() and any(path.glob("*.mcap"))):
         return _BAG
     if path.is_dir():
         return "give it a log of the folder"
@@ -84,7 +84,7 @@ def instead_of_bag(path: Path) -> str:
     Returns
     -------
     str
-        Empty where its ending tells nothing.
+        Empty of a folder in which nothing tells.
     """
     if path.is_dir():
         files = sorted(file for file in path.iterdir() if file.is_file())
@@ -102,7 +102,11 @@ def instead_of_bag(path: Path) -> str:
     kind = path.suffix.lower()
     if kind == _SQLITE:
         return f"; it is of {_of_sqlite(path.parent)}"
-    return f"; by its ending it is {_OTHER[kind]}, then use convert" if kind in _OTHER else ""
+    if kind in _OTHER:
+        return f"; by its ending it is {_OTHER[kind]}, then use convert"
+    if kind == _MCAP:
+        return "; its first bytes are gone: copy it once more from where it was recorded"
+    return "; give a folder of rosbag2 or its .mcap file, or make one of a log with convert"
 
 
 def instead_of_storage(path: Path, storage: str) -> str:

@@ -39,9 +39,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _rate(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
     if not 0.0 < value < 1e6:
-        raise argparse.ArgumentTypeError(f"expected a rate above 0, found {text}")
+        raise argparse.ArgumentTypeError(f"expected a rate above 0, found '{text}'")
     return value
 
 

@@ -28,7 +28,7 @@ from hydro_ident.bag.metadata import (
 )
 from hydro_ident.bag.reader import METADATA_FILE, PROJECT_METADATA
 from hydro_ident.errors import BagError
-from hydro_model.command_line.output import write_atomically
+from hydro_model.command_line.output import unwritable, write_atomically
 from hydro_msgs_docs.cdr import encode
 
 CHUNK_NS = 200_000_000
@@ -88,7 +88,7 @@ class BagWriter:
         except FileExistsError as error:
             raise BagError(f"{self.directory}: exists already, nothing overwritten") from error
         except OSError as error:
-            raise BagError(f"{self.directory}: cannot be written: {error.strerror}") from error
+            raise BagError(unwritable(self.directory, error)) from error
 
     def __enter__(self) -> BagWriter:
         return self

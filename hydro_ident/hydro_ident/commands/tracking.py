@@ -127,7 +127,8 @@ def _reference(recording: Recording) -> FloatArray:
 
     if recording.tip_ref is None:
         raise BagError(
-            f"{recording.path}: expected {TIP_REFERENCE} on the cycles' stamps, found none"
+            f"{recording.path}: expected {TIP_REFERENCE} on the cycles' stamps, found none: record"
+            " a run in which the controller moves the tip, with all its topics"
         )
     return recording.tip_ref
 

@@ -23,6 +23,7 @@ from hydro_ident.identify.validation_results import (
 )
 from hydro_ident.json_numbers import finite
 from hydro_ident.parameters.parameters import Parameter
+from hydro_model.command_line.output import unwritable
 
 SCHEMA = "hydro_ident/identification/1"
 RESULT_FILE, REPORT_FILE = "result.json", "report.html"
@@ -211,12 +212,12 @@ def write_together(
         folder.parent.mkdir(parents=True, exist_ok=True)
         fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     except OSError as error:
-        raise IdentError(f"{folder}: cannot be written: {error.strerror}") from error
+        raise IdentError(unwritable(folder, error)) from error
     try:
         fill(fresh)
         _move(fresh, folder, own)
     except OSError as error:
-        raise IdentError(f"{folder}: cannot be written: {error.strerror}") from error
+        raise IdentError(unwritable(folder, error)) from error
     finally:
         shutil.rmtree(fresh, ignore_errors=True)
 

@@ -23,6 +23,7 @@ from hydro_ident.logs.file import Log
 from hydro_ident.logs.map import OF_JOINTS, LogMap
 from hydro_ident.logs.plausible import unit_warnings
 from hydro_ident.logs.unpaired import check_times
+from hydro_model.command_line.output import unwritable
 from hydro_model.command_line.terminal import advance
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 from hydro_msgs_docs.topics import (
@@ -159,7 +160,7 @@ def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, s
         # Half a bag would look like a recording that was cut off.
         shutil.rmtree(out, ignore_errors=True)
         if isinstance(error, OSError):
-            raise BagError(f"{out}: cannot be written: {error.strerror}") from error
+            raise BagError(unwritable(Path(out), error)) from error
         raise
     steps = np.diff(stamps) * 1e-9
     return Conversion(

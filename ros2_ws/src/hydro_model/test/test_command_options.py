@@ -74,3 +74,32 @@ def test_what_was_given_commands_no_terminal(capsys: pytest.CaptureFixture[str])
 def test_a_right_line_is_taken_as_it_was() -> None:
     found = parser().parse_args(["--robot", "x", "--seed", "3", "hold", "--height", "2"])
     assert (found.robot, found.seed, found.what, found.height) == ("x", 3, "hold", 2.0)
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (
+            ("--robot", "x", "--seed", "abc"),
+            "argument --seed: expected a whole number, found 'abc'; see drive --help",
+        ),
+        (
+            ("--robot", "x", "--max-speed", "fast"),
+            "argument --max-speed: expected a number, found 'fast'; see drive --help",
+        ),
+        ((), "the following arguments are required: --robot; see drive --help"),
+    ],
+)
+def test_an_error_is_one_line_that_says_what_to_try(
+    words: tuple[str, ...], line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It had been up to six of usage, and then `invalid int value: 'abc'`."""
+    with pytest.raises(SystemExit):
+        parser().parse_args(words)
+    assert capsys.readouterr().err == f"drive: error: {line}\n"
+
+
+def test_an_error_of_a_subcommand_is_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    line = said(capsys, "--robot", "x", "hold", "--height", "high")
+    text = "argument --height: expected a number, found 'high'; see drive hold --help"
+    assert line == f"drive hold: error: {text}"

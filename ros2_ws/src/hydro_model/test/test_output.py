@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 from pathlib import Path
 
 import pytest
 
-from hydro_model.command_line.output import STDOUT, OutputError, report, report_files, write_text
+from hydro_model.command_line.output import (
+    STDOUT,
+    OutputError,
+    report,
+    report_files,
+    unwritable,
+    write_text,
+)
 
 DATA = {"schema": "s/1", "x": 1.5}
 
@@ -36,9 +45,23 @@ def test_nothing_is_printed_where_there_is_nothing_to_tell(
 def test_a_person_has_the_text_even_where_the_file_cannot_be_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(OutputError, match="cannot be written: No such file"):
+    with pytest.raises(OutputError, match="No such file or directory; make its folder"):
         report(tmp_path / "no" / "x.json", DATA, "a long fit")
     assert capsys.readouterr().out == "a long fit\n"
+
+
+@pytest.mark.parametrize(
+    ("number", "way"),
+    [
+        (errno.ENOENT, "make its folder first"),
+        (errno.EACCES, "give a place that you may write to"),
+        (errno.ENOSPC, "make room there, or give another place"),
+        (errno.EROFS, "give another place"),
+    ],
+)
+def test_what_cannot_be_written_says_what_to_try(number: int, way: str) -> None:
+    said = unwritable(Path("out/x.json"), OSError(number, os.strerror(number)))
+    assert said == f"out/x.json: cannot be written: {os.strerror(number)}; {way}"
 
 
 def test_files_are_named_one_by_one(capsys: pytest.CaptureFixture[str]) -> None:

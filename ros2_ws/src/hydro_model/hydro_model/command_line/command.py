@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import logging
 import os
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NoReturn
@@ -21,6 +22,9 @@ Main = Callable[[Sequence[str]], int]
 
 #: Share of letters in common from which an option is taken for another one, misspelt.
 _ALIKE = 0.7
+#: What a value is that argparse cannot read, by the name of its type; of others it is that name.
+_WANTED = {"int": "a whole number", "float": "a number"}
+_VALUE = re.compile(r"(?<=: )invalid (\w+) value: ")
 
 
 class Parser(argparse.ArgumentParser):
@@ -38,11 +42,13 @@ class Parser(argparse.ArgumentParser):
         return super().parse_known_args(self._given, namespace)
 
     def error(self, message: str) -> NoReturn:
-        """As of argparse, with what is unknown beside what was meant.
+        """One line: as of argparse without the usage, and what is unknown beside what was meant.
 
         `message` says what is wrong: a required option that is misspelt is missing, too.
         """
-        super().error(printable(message + "".join(f"; {hint}" for hint in self._hints())))
+        hints = list(self._hints()) or [f"see {self.prog} --help"]
+        said = printable("; ".join([_VALUE.sub(_found, message), *hints]))
+        self.exit(2, f"{self.prog}: error: {said}\n")
 
     def _hints(self) -> Iterator[str]:
         from difflib import get_close_matches
@@ -56,6 +62,10 @@ class Parser(argparse.ArgumentParser):
             meant = get_close_matches(word, known, 1, _ALIKE) if unknown else []
             if meant:
                 yield f"unknown option '{word}', did you mean '{meant[0]}'?"
+
+
+def _found(match: re.Match[str]) -> str:
+    return f"expected {_WANTED.get(match[1], match[1])}, found "
 
 
 def _options(parser: argparse.ArgumentParser) -> set[str]:

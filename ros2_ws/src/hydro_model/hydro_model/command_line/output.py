@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import json
 import os
 import sys
@@ -14,6 +15,12 @@ from hydro_model.errors import HydroError
 
 #: What `--json` takes for standard output.
 STDOUT = Path("-")
+#: What to try where a file cannot be written.
+_TO_TRY = {
+    **dict.fromkeys((errno.EACCES, errno.EPERM), "give a place that you may write to"),
+    errno.ENOENT: "make its folder first",
+    errno.ENOSPC: "make room there, or give another place",
+}
 
 
 class OutputError(HydroError):
@@ -35,6 +42,23 @@ def add_json(parser: argparse.ArgumentParser, what: str = "the same") -> None:
         metavar="F",
         help=f"write {what} as JSON; - for standard output, and nothing else there",
     )
+
+
+def unwritable(path: Path, error: OSError) -> str:
+    """What is said of a file or folder that cannot be written, and what to try.
+
+    Parameters
+    ----------
+    path : Path
+    error : OSError
+        As the system says.
+
+    Returns
+    -------
+    str
+    """
+    to_try = _TO_TRY.get(error.errno or 0, "give another place")
+    return f"{path}: cannot be written: {error.strerror}; {to_try}"
 
 
 def report(json_file: Path | None, data: Mapping[str, Any], text: str) -> None:
@@ -111,7 +135,7 @@ def write_text(path: Path, text: str) -> None:
     try:
         write_atomically(path, text)
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
+        raise OutputError(unwritable(path, error)) from error
 
 
 def write_atomically(path: Path, text: str) -> None:
