@@ -23,6 +23,7 @@ from hydro_ident.logs.times import (
     stop_of,
     times_among,
     unit_beside,
+    unnamed_times,
 )
 from hydro_ident.logs.units import UNITS
 from hydro_msgs_docs.cdr import FloatArray
@@ -109,11 +110,13 @@ def times_of(log: Log, readings: Sequence[Reading]) -> Times:
     guess = _time_guess(log, main)
     unit = str(guess.entry["unit"])
     seconds = log.columns[main.column] * UNITS["time"].get(unit, 1.0)
+    found += unnamed_times(readings, log, seconds, unit)
     further = [_further(log, r, seconds, unit) for r in found if r is not main]
+    times = {r.column for r in found}
     own = {
         r.column: _own_time(log, r.column, guess, seconds, further)
         for r in readings
-        if r not in found
+        if r.column not in times
     }
     epoch = epoch_unit(log.columns[main.column]) == unit
     guesses = {
@@ -235,10 +238,11 @@ def _own_time(
 
 
 def _by_length(count: int, main: str, expected: int, further: Sequence[_Further]) -> OwnTime:
-    alike = [f.name for f in further if len(f.seconds) == count]
+    alike = [f for f in further if len(f.seconds) == count]
     if len(alike) == 1:
-        return OwnTime(alike[0], "likely", f"time: '{alike[0]}' has as many samples")
-    rest = f"of {' or '.join(alike)}" if alike else "and no other time has as many"
+        level = weakest("likely", alike[0].reading.level)
+        return OwnTime(alike[0].name, level, f"time: '{alike[0].name}' has as many samples")
+    rest = f"of {' or '.join(f.name for f in alike)}" if alike else "and no other time has as many"
     why = f"time: {count} samples, '{main}' has {expected}: {rest}"
     return OwnTime(FILL_IN, "open", why)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,10 @@ _ALIKE = 0.05
 #: Spans of two clocks of one log are no further apart than this factor.
 _SPANS = 30.0
 _SPAN_UNITS = ("s", "ms", "us", "ns")
+#: A vector that nothing calls a time may be one where its steps differ by no more than this share,
+#: and it spans about what the log does: less where it was triggered late or stopped early, hardly
+#: more. A counter does so in some unit, too, one time in four: it is a guess.
+_EVEN, _SAME_RUN = 0.01, (0.25, 1.2)
 
 
 def times_among(readings: Iterable[Reading], log: Log) -> list[Reading]:
@@ -40,6 +44,55 @@ def times_among(readings: Iterable[Reading], log: Log) -> list[Reading]:
     return [
         r for r in readings if r.quantity == "time" and _wrong_share(log.columns[r.column]) <= _FEW
     ]
+
+
+def unnamed_times(
+    readings: Sequence[Reading], log: Log, main_s: FloatArray, main_unit: str
+) -> list[Reading]:
+    """Vectors that nothing calls times and that may be: of signals that no time is as long as.
+
+    Parameters
+    ----------
+    readings : sequence of Reading
+        Of all columns.
+    log : Log
+    main_s : (N,) array
+        The log's time, s.
+    main_unit : str
+        Its unit.
+
+    Returns
+    -------
+    list of Reading
+        As times, each a guess.
+    """
+    lengths = {r.column: len(log.columns[r.column]) for r in readings}
+    timed = {lengths[r.column] for r in times_among(readings, log)}
+    signals: dict[int, str] = {}
+    for r in readings:
+        if r.quantity not in ("", "time") and lengths[r.column] not in timed:
+            signals.setdefault(lengths[r.column], r.column)
+    found = []
+    for r in readings:
+        beside = signals.get(lengths[r.column])
+        if r.quantity or r.unknown or beside is None:
+            continue
+        if _even_run(log.columns[r.column], main_s, main_unit):
+            why = f"rises in even steps, with as many samples as '{beside}'"
+            found.append(replace(r, quantity="time", level="guess", why=(why,)))
+    return found
+
+
+def _even_run(values: FloatArray, main_s: FloatArray, main_unit: str) -> bool:
+    """Whether numbers rise in even steps over about what the log's time does, in some unit."""
+    steps = np.diff(values)
+    if len(steps) < 2 or not float(np.ptp(steps)) <= _EVEN * float(np.median(steps)):
+        return False
+    unit = unit_beside(values, "", main_s, main_unit)
+    span = float(values[-1] - values[0]) * UNITS["time"].get(unit, 0.0)
+    known = main_s[np.isfinite(main_s)]
+    share = span / float(known[-1] - known[0]) if len(known) > 1 else 0.0
+    return _SAME_RUN[0] <= share <= _SAME_RUN[1]
 
 
 def _wrong_share(values: FloatArray) -> float:
