@@ -126,3 +126,18 @@ def test_a_bag_that_is_learnt_from_cannot_verify_by_another_path(
     kept = provenance("identify", "xs031", {"a": runs[0]}, {"b": runs[2]})
     assert kept.bags["a"] == bag_sha256(copy)
     assert kept.validation["b"] != kept.bags["a"]
+
+
+@pytest.mark.parametrize("how", ["file", "copy", "part"])
+@pytest.mark.parametrize("to_verify", [False, True])
+def test_a_recording_counts_once_however_it_is_given(
+    runs: list[Path], split: Path, tmp_path: Path, how: str, to_verify: bool
+) -> None:
+    """Fitted twice, its intervals had been those of twice the data."""
+    [file] = runs[0].glob("*.mcap")
+    copy = shutil.copytree(runs[0], tmp_path / "copy")
+    both = {"a": runs[0], "b": {"file": file, "copy": copy, "part": split}[how]}
+    bags, validation = ({"other": runs[3]}, both) if to_verify else (both, {})
+    said = "expected each recording once, found files of 'b' in 'a', too"
+    with pytest.raises(IdentError, match=said):
+        provenance("identify", "xs031", bags, validation)

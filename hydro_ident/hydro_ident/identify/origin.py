@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
@@ -11,6 +12,8 @@ from pathlib import Path
 from hydro_ident.errors import IdentError
 from hydro_ident.identify.results import Provenance
 from hydro_model.robot import Robot
+
+_VERIFYING = "validation bags of which nothing is learnt"
 
 
 def provenance(
@@ -44,14 +47,15 @@ def provenance(
     Raises
     ------
     IdentError
-        A file cannot be read, or a validation bag was learnt from under another path.
+        A file cannot be read, or a bag or a file of it is given twice under other paths: to learn
+        from, to verify on, or one for each.
     """
     try:
         version = metadata.version("hydro_ident")
     except metadata.PackageNotFoundError:
         version = "unknown"
     learnt, scored = ({n: _hashed(p) for n, p in given.items()} for given in (bags, validation))
-    _refuse_learnt(learnt, scored)
+    _refuse_twice(learnt, scored)
     hashes = [{n: one.whole for n, one in given.items()} for given in (learnt, scored)]
     files = [{path.name: _sha256([path], path) for path in files_of(r)} for r in (robot, compared)]
     return Provenance(command, version, name, *hashes, *files)
@@ -84,15 +88,16 @@ def _hashed(path: Path) -> _Hashed:
     return _Hashed(whole, frozenset(parts))
 
 
-def _refuse_learnt(learnt: Mapping[str, _Hashed], scored: Mapping[str, _Hashed]) -> None:
-    """A copy of a bag, or a file out of it, cannot verify what was learnt from it."""
-    for name, one in scored.items():
-        for other, training in learnt.items():
-            if one.files & training.files:
-                raise IdentError(
-                    "expected validation bags of which nothing is learnt, found files of"
-                    f" '{name}' in '{other}', too (the same SHA-256)"
-                )
+def _refuse_twice(learnt: Mapping[str, _Hashed], scored: Mapping[str, _Hashed]) -> None:
+    """A copy of a bag, or a file out of it, verifies nothing learnt from it and adds nothing."""
+    pairs = itertools.combinations((*learnt.items(), *scored.items()), 2)
+    for (other, before), (name, one) in pairs:
+        if one.files & before.files:
+            alike = (name in learnt) == (other in learnt)
+            wanted = "each recording once" if alike else _VERIFYING
+            raise IdentError(
+                f"expected {wanted}, found files of '{name}' in '{other}', too (the same SHA-256)"
+            )
 
 
 def _sha256(files: Sequence[Path], named: Path) -> str:
