@@ -19,6 +19,7 @@ from hydro_ident.estimate.flows.unread_rails import UNFITTING, file_constant
 from hydro_ident.estimate.forces.closed_chain import part_notes
 from hydro_ident.estimate.forces.inertial import InertialFit
 from hydro_ident.estimate.scoring.scores import ChannelScore
+from hydro_ident.identify.asked_filters import slowed_notes, usable_filters
 from hydro_ident.identify.compare import Comparison
 from hydro_ident.identify.consistent_robot import (
     PhysicalResult,
@@ -179,7 +180,9 @@ def _concluded(job: Job, estimates: Estimates, last: Scores, settings: Settings)
     robot, scores = job.robot, last.held_out
     inertial, hydraulic, biases = estimates.inertial, estimates.hydraulic, estimates.effects.biases
     recordings = [survey.recording for survey in job.surveys]
-    judged = judge(robot, recordings, inertial, hydraulic, [s.continuity for s in job.surveys])
+    continuities = [survey.continuity for survey in job.surveys]
+    asked = usable_filters(settings.filters, job.slowest_s)
+    judged = judge(robot, recordings, inertial, hydraulic, continuities, asked)
     found = None
     if judged.verdict != NOT_ENOUGH:
         found = identified_robot(robot, inertial, hydraulic, biases)
@@ -204,7 +207,7 @@ def _concluded(job: Job, estimates: Estimates, last: Scores, settings: Settings)
             *job.notes,
             *score_notes(last, bool(job.others or job.every), inertial),
             *estimates.notes,
-            *_slow_notes(settings, job),
+            *slowed_notes(settings.filters, job.plan.filters),
             *(text for text in run.rejected if text not in judged.problems),
             *physical_notes(physical),
             *_held_notes(inertial, hydraulic, parameters),
@@ -220,18 +223,6 @@ def _concluded(job: Job, estimates: Estimates, last: Scores, settings: Settings)
         recordings=recording_summaries(job.seen, len(job.sources)),
         estimator=estimates.chosen,
     )
-
-
-def _slow_notes(settings: Settings, job: Job) -> list[str]:
-    """That the recordings are too slow for the filters that were asked for."""
-    used = job.plan.filters
-    if used == settings.filters:
-        return []
-    return [
-        f"few samples a second: motion is looked at below {used.differentiation_hz:.3g} Hz, forces"
-        f" below {used.parallel_hz:.3g} Hz (asked for: {settings.filters.differentiation_hz:g} and"
-        f" {settings.filters.parallel_hz:g} Hz)"
-    ]
 
 
 def _held_notes(

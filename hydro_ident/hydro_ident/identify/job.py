@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -114,6 +114,11 @@ class Job:
         return self.seen[len(self.sources) :] or self.surveys
 
     @property
+    def slowest_s(self) -> float:
+        """Sampling interval of the slowest recording."""
+        return _slowest_s(self.seen)
+
+    @property
     def checks(self) -> tuple[Source, ...]:
         """What is scored: other recordings, blocks of the sources, or nothing."""
         return self.others or (self.sources if self.every else ())
@@ -151,6 +156,10 @@ class Job:
         return tuple(notes)
 
 
+def _slowest_s(seen: Iterable[Survey]) -> float:
+    return max(survey.recording.period_s for survey in seen)
+
+
 def prepared(
     robot: Robot,
     recordings: tuple[tuple[Source, ...], tuple[Source, ...]],
@@ -183,7 +192,7 @@ def prepared(
     signals = merged_signals(robot, surveys)
     every = 0 if others else settings.hold_out_every
     still = still_joints_of(robot, signals)
-    filters = settings.filters.borne_at(max(s.recording.period_s for s in seen))
+    filters = settings.filters.borne_at(_slowest_s(seen))
     split = _hold_out(surveys, every, filters) if every else HoldOut(every=0)
     sources, others = with_updates(robot, sources, others, seen, split.training)
     effects = replace(effects, filters=filters)

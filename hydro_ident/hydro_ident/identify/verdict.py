@@ -84,6 +84,7 @@ def judge(
     inertial: InertialFit | None,
     hydraulic: HydraulicFit | None,
     continuities: Sequence[Continuity] = (),
+    usable: str = "",
 ) -> Judgement:
     """The verdict of an identification.
 
@@ -98,6 +99,8 @@ def judge(
         Both with the stages that were rejected.
     continuities : sequence of Continuity
         Of the recordings.
+    usable : str
+        What to ask for in the place of filters that were asked for, of `usable_filters`.
 
     Returns
     -------
@@ -108,7 +111,7 @@ def judge(
     wrong = wrong_robot(robot, recordings)
     if wrong:
         return Judgement(NOT_ENOUGH, (*others, *wrong))
-    found, enough = _force_problems(robot, recordings, inertial, hydraulic, continuities)
+    found, enough = _force_problems(robot, recordings, inertial, hydraulic, continuities, usable)
     problems = [*others, *found]
     if enough:
         problems += _hydraulic_problems(robot, inertial, hydraulic)
@@ -177,21 +180,22 @@ def _force_problems(
     inertial: InertialFit | None,
     hydraulic: HydraulicFit | None,
     continuities: Sequence[Continuity],
+    usable: str,
 ) -> tuple[list[str], bool]:
     """Problems of the force channels, and whether there is enough for a model."""
     # Edges whose chambers tell no bulk modulus are of little motion.
-    usable = hydraulic is not None and any(
+    flows = hydraulic is not None and any(
         not c.rejected and c.refused_bulk is None and not c.unfitted for c in hydraulic.cylinders
     )
     if inertial is None:
-        return [_no_forces(robot, recordings, continuities)], usable
+        return [_no_forces(robot, recordings, continuities, usable)], flows
     if not inertial.missing:
         problems, enough = [], True
     else:
         lost = lost_forces(inertial, recordings)
         problems = [_motion_problem(robot, inertial, lost, continuities)]
         if lost and not inertial.still:
-            enough = len(inertial.missing) < len(inertial.model.names) or usable
+            enough = len(inertial.missing) < len(inertial.model.names) or flows
         else:
             base = [name for name in inertial.missing if name in inertial.model.base.names]
             enough = not (base or inertial.still)
@@ -201,12 +205,15 @@ def _force_problems(
             f" friction kept: {inertial.rejected}"
         )
         # With nothing else identified there is no model to speak of.
-        enough = usable
+        enough = flows
     return problems, enough
 
 
 def _no_forces(
-    robot: Robot, recordings: Sequence[Recording], continuities: Sequence[Continuity]
+    robot: Robot,
+    recordings: Sequence[Recording],
+    continuities: Sequence[Continuity],
+    usable: str,
 ) -> str:
     names = [*base_map(robot).names, *(f"{c.name}.viscous_friction" for c in robot.cylinders)]
     names += [f"{robot.joint_names[j]}.viscous_friction" for j in robot.dry_joints]
@@ -221,11 +228,10 @@ def _no_forces(
     if measured and not any(lost):
         total = sum(recording.duration_s for recording in recordings)
         if broken := broken_up(continuities, total):
-            return f"{broken}: {costs}; record without gaps (`inspect` lists them)"
-        return (
-            f"{total:.3g} s are too short for the filters: {costs}; play a run of"
-            f" `excite --robot {robot.name}` and record it"
-        )
+            to_try = usable or "record without gaps (`inspect` lists them)"
+            return f"{broken}: {costs}; {to_try}"
+        to_try = usable or f"play a run of `excite --robot {robot.name}` and record it"
+        return f"{total:.3g} s are too short for the filters: {costs}; {to_try}"
     return (
         f"no force channel: {costs}; record every joint angle and both chamber pressures of a"
         " cylinder (or a joint torque) for longer than the filters' edges"
