@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from hydro_ident.estimate.scoring.scores import HoldOut
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import traces_of
 from hydro_ident.identify.compare import LEVEL, compare
+from hydro_ident.identify.validation_results import rollout_lines
 from hydro_ident.parameters.parameters import Parameter
 from hydro_ident.rollouts.free_run import free_run
 from hydro_ident.rollouts.rollout_windows import rolled_out, usable_pieces
@@ -133,6 +135,9 @@ def test_a_roll_out_that_fails_is_rejected_and_said(
     assert result.joints[0].rmse_before is not None
     assert "free run of the identified robot rejected: bag from" in result.failed
     assert "left its stroke" in result.failed
+    # Degrees stand behind the size that they are, not behind the one that there is none of.
+    line = rollout_lines(result)[0]
+    assert re.search(r"RMSE +[\d.e-]+ rad \([\d.e-]+ deg\) -> +rejected$", line), line
 
 
 def changes(result: dict) -> dict[str, dict]:

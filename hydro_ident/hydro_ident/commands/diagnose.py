@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hydro_ident.mismatch.settings import LONGEST_S
+from hydro_ident.mismatch.settings import LONGEST_S, LONGEST_SCAN_S
 from hydro_model.command_line.command import Parser, run_command
 from hydro_model.command_line.output import STDOUT, add_json, report
 from hydro_model.command_line.terminal import progress_bar
@@ -67,7 +67,7 @@ def parser() -> argparse.ArgumentParser:
         default=LONGEST_S,
         metavar="S",
         help="of longer recordings so many seconds are fitted, and as many verified on, in evenly"
-        " spread parts (default: %(default)g)",
+        f" spread parts: {LONGEST_SCAN_S:g} or more (default: %(default)g)",
     )
     p.add_argument(
         "--processes",

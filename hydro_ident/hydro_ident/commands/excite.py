@@ -38,7 +38,11 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--robot", required=True, help="robot file or the name of a shipped robot")
     p.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the files")
     p.add_argument(
-        "--duration", type=float, default=64.0, metavar="S", help="of the run (default: 64)"
+        "--duration",
+        type=float,
+        default=64.0,
+        metavar="S",
+        help="of the run, 30 or more (default: %(default)g)",
     )
     p.add_argument("--seed", type=int, default=0, help="of the design's start (default: 0)")
     p.add_argument(

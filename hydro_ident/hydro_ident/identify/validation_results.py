@@ -140,13 +140,18 @@ def rollout_lines(run: FreeRun | None) -> list[str]:
         )
         for what, before, after in pairs:
             if before is not None or after is not None:
-                sizes = [
-                    f"{'rejected':>10}" if v is None else f"{v:10.4g} {joint.unit}"
-                    for v in (before, after)
-                ]
-                known = [v for v in (before, after) if v is not None]
-                told = bracketed(known, joint.unit, " -> ")
-                lines.append(
-                    f"  {joint.joint + ' ' + what:14} RMSE {sizes[0]} -> {sizes[1]}{told}"
-                )
+                name = f"{joint.joint} {what}"
+                lines.append(f"  {name:14} RMSE {_change(before, after, joint.unit)}")
     return lines
+
+
+def _change(before: float | None, after: float | None, unit: str) -> str:
+    """Two sizes; of one alone what it is in everyday units stands behind it."""
+    if before is not None and after is not None:
+        told = bracketed((before, after), unit, " -> ")
+        return f"{before:10.4g} {unit} -> {after:10.4g} {unit}{told}"
+    sizes = [
+        f"{'rejected':>10}" if v is None else f"{v:10.4g} {unit}{bracketed((v,), unit)}"
+        for v in (before, after)
+    ]
+    return " -> ".join(sizes)
