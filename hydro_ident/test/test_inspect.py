@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import shutil
 import sys
 from collections.abc import Mapping
@@ -106,6 +107,8 @@ def test_the_longest_gap_is_told_with_its_time(write_bag, run_columns, robot, ca
     assert main([str(path)]) == 0
     out = capsys.readouterr().out
     assert "2 gaps, 12 cycles missing; the longest, 0.022 s (10 cycles), after 0.598 s" in out
+    assert "\n  missing: by the topic's own rate; what cycles lack stands under health" in out
+    assert "\n  twice: " not in out
     assert [line for line in out.splitlines() if "0.022 s at 0.598 s" in line] == [
         line for line in out.splitlines() if line.startswith("/joint_states")
     ]
@@ -146,6 +149,9 @@ def test_the_command_prints_and_writes_json(tmp_path, write_bag, run_columns, ca
     assert "checksums hold" in out
     assert "health\n  nothing irregular\n  channels: lift/force, " in out
     assert "DAMAGE" not in out
+    # Beside "nothing irregular" a column of numbers says what it is.
+    assert "\n  twice: a stamp that came again, " in out
+    assert "\n  missing: " not in out
     data = json.loads((tmp_path / "i.json").read_text())
     assert data["schema"] == "hydro_ident/inspection/1"
     topics = {topic["topic"]: topic for topic in data["topics"]}
@@ -311,7 +317,13 @@ def test_reading_shows_on_a_terminal_wherever_the_result_goes(
     file = to and (to if to == "-" else str(tmp_path / to))
     options = [] if file is None else ["--json", file]
     assert main([str(write_bag(run_columns(N))), "--robot", "xs031", *options]) == 0
-    assert "reading file 1 of 1" in screen.getvalue()
+    drawn = screen.getvalue()
+    assert "reading 1 of 2: file 1 of 1" in drawn
+    assert "reading 2 of 2: file 1 of 1" in drawn
+    # It goes on from the first reading to the second one, to its end.
+    shares = [int(share) for share in re.findall(r" (\d+)%", drawn)]
+    assert shares == sorted(shares)
+    assert shares[-1] == 100
     assert screen.getvalue().endswith("\r\x1b[2K")
     said = capsys.readouterr().out
     if to == "-":

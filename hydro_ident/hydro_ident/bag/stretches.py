@@ -37,6 +37,8 @@ from hydro_msgs_docs.topics import CHAMBER_PRESSURES
 #: A stretch is made once so many messages have come, or so much memory holds them; and how late
 #: one may be behind the newest.
 ROWS, _HELD_BYTES, LATE_S = 1 << 15, 1 << 23, 2.0
+#: Who looks a bag over reads it twice: rates come first, then what is missing by them.
+READINGS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +75,10 @@ class Passage:
         As `ROWS`.
     late_s : float
         As `LATE_S`.
-    again : str
-        Said of the progress.
+    reading : int
+        Which of two this is, 1 or 2, for the progress.
+    repeated : bool
+        It is made once more, with what was learnt.
 
     Attributes
     ----------
@@ -94,7 +98,8 @@ class Passage:
     known: Known = field(default_factory=Known)
     rows: int = ROWS
     late_s: float = LATE_S
-    again: str = ""
+    reading: int = 1
+    repeated: bool = False
     infos: dict[str, TopicInfo] = field(default_factory=dict)
     decoder: Decoder = field(init=False)
     notes: list[str] = field(default_factory=list)
@@ -133,7 +138,7 @@ class Passage:
         files, notes, self.metadata = files_of(self.path)
         self.notes += notes
         for number, file in enumerate(files, 1):
-            yield from self._blocks(file, f"reading file {number} of {len(files)}{self.again}")
+            yield from self._blocks(file, number, len(files))
             self.healths.append(file.health)
             self.metadata.update(file.metadata.get(PROJECT_METADATA, {}))
             self.notes += file.health.told
@@ -146,14 +151,18 @@ class Passage:
             builder.check()
         self.notes += malformed_notes({t: b.malformed for t, b in self.decoder.builders.items()})
 
-    def _blocks(self, file: McapFile, what: str) -> Iterator[Stretch]:
+    def _blocks(self, file: McapFile, number: int, files: int) -> Iterator[Stretch]:
+        once_more = " once more" if self.repeated else ""
+        what = f"reading {self.reading} of {READINGS}{once_more}: file {number} of {files}"
+        before = (self.reading - 1) * files + number - 1
         for block in file.blocks():
             # Blocks of one buffer belong together: their messages lie side by side in the file.
             if block.data is not self._buffer and self._enough():
                 so_far = {**self.metadata, **file.metadata.get(PROJECT_METADATA, {})}
                 yield self._stretch(so_far, last=False)
             self._buffer = block.data
-            advance(what, file.health.read_bytes, file.health.size_bytes)
+            size = file.health.size_bytes
+            advance(what, before * size + file.health.read_bytes, READINGS * files * size)
             self._take_in(block)
 
     def _take_in(self, block: MessageBlock) -> None:
@@ -207,7 +216,7 @@ def look_through(
     robot_of: Callable[[Mapping[str, str]], Robot | None],
     begin: Callable[[Known], Callable[[Stretch], None]],
     known: Known | None = None,
-    again: str = "",
+    reading: int = 1,
     rows: int = ROWS,
     late_s: float = LATE_S,
 ) -> Passage:
@@ -222,7 +231,7 @@ def look_through(
         Called with what is known before each reading: what takes its stretches.
     known : Known, optional
         By an earlier passage.
-    again, rows, late_s
+    reading, rows, late_s
         As of `Passage`.
 
     Returns
@@ -238,8 +247,10 @@ def look_through(
     known = known or Known()
     tried: set[Known] = set()
     while known not in tried:
+        repeated = bool(tried)
         tried.add(known)
-        passage, take = Passage(path, robot_of, known, rows, late_s, again), begin(known)
+        passage = Passage(path, robot_of, known, rows, late_s, reading, repeated)
+        take = begin(known)
         try:
             for stretch in passage.stretches():
                 take(stretch)

@@ -16,6 +16,11 @@ if TYPE_CHECKING:
     from hydro_ident.inspecting.inspection import Inspection
 
 
+#: What two columns of the topics mean, where health has nothing to say of them.
+_MISSING = "missing: by the topic's own rate; what cycles lack stands under health"
+_TWICE = "twice: a stamp that came again, as where lockstep asks again; harmless, the first counts"
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """The `inspect` executable."""
     return run_command("inspect", _run, arguments)
@@ -148,6 +153,10 @@ def _topics(i: Inspection) -> list[str]:
             f"{printable(t.topic):32s} {t.count:9d} {rate:>8s} {t.missing:8d} {t.duplicates:6d}"
             f"{gap}  {printable(t.message_type)}"
         )
+    if any(t.missing for t in i.topics):
+        lines.append(f"  {_MISSING}")
+    if any(t.duplicates for t in i.topics):
+        lines.append(f"  {_TWICE}")
     return lines
 
 

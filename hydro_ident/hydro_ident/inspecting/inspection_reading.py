@@ -22,7 +22,7 @@ from hydro_ident.bag.intervals import UndecidedError
 from hydro_ident.bag.mcap_types import unchecked
 from hydro_ident.bag.recorded_run import other_robot
 from hydro_ident.bag.stretch_cycles import Known
-from hydro_ident.bag.stretches import LATE_S, ROWS, Passage, Stretch, look_through
+from hydro_ident.bag.stretches import LATE_S, READINGS, ROWS, Passage, Stretch, look_through
 from hydro_ident.bag.valve_columns import commanded_notes
 from hydro_ident.errors import BagError
 from hydro_ident.inspecting.health import Finding, irregularities
@@ -99,7 +99,7 @@ class _Reading:
             firsts[:] = [FirstPass(known)]
             return firsts[0].add
 
-        passage = self._look_through(begin, known, "")
+        passage = self._look_through(begin, known, 1)
         first = firsts[0]
         first.finish()
         error = _refused(passage, first)
@@ -119,7 +119,7 @@ class _Reading:
             return seconds[0].add
 
         if seconds[0].needed:
-            again = self._look_through(begin, passage.known, " again")
+            again = self._look_through(begin, passage.known, READINGS)
             counts, now = (
                 {topic: info.count for topic, info in one.infos.items()}
                 for one in (passage, again)
@@ -134,10 +134,13 @@ class _Reading:
         return seconds[0]
 
     def _look_through(
-        self, begin: Callable[[Known], Callable[[Stretch], None]], known: Known | None, again: str
+        self,
+        begin: Callable[[Known], Callable[[Stretch], None]],
+        known: Known | None,
+        reading: int,
     ) -> Passage:
         how = self.rows, self.late_s
-        return look_through(self.path, self.robot_of, begin, known, again, *how)
+        return look_through(self.path, self.robot_of, begin, known, reading, *how)
 
 
 def _refused(passage: Passage, first: FirstPass) -> BagError | None:

@@ -68,6 +68,16 @@ def test_a_stage_is_not_drawn_over_and_over(screen: Screen) -> None:
     assert 0 < screen.getvalue().count("many") < 1000
 
 
+def test_all_of_it_is_what_is_done_and_is_drawn_no_more_often(screen: Screen) -> None:
+    """`100%` had stood there from 99.5 % on, and been written at every call from 100 % on."""
+    with terminal.progress_bar():
+        terminal.advance("nearly", 999, 1000)
+        for _ in range(10_000):
+            terminal.advance("many", 1, 1)
+    assert " 99%" in screen.getvalue()
+    assert 0 < screen.getvalue().count("100%") < 1000
+
+
 def test_nothing_is_written_of_what_is_soon_done(screen: Screen, monkeypatch) -> None:
     pipe = io.StringIO()
     monkeypatch.setattr(terminal.sys, "stderr", pipe)

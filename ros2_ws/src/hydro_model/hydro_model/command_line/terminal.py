@@ -56,6 +56,13 @@ def coloured(text: str, colour: str, stream: TextIO | None = None) -> str:
     return f"\x1b[{_CODES[colour]}m{text}\x1b[0m"
 
 
+def _percent(done: int, total: int) -> int:
+    """Of a stage, rounded; a hundred is what is done alone."""
+    if done >= total:
+        return 100 if total else 0
+    return min(round(100.0 * max(done, 0) / total), 99)
+
+
 class _Bar:
     """One line on standard error that is written over."""
 
@@ -67,13 +74,13 @@ class _Bar:
 
     def draw(self, what: str, done: int, total: int) -> None:
         now = time.monotonic()
-        if what == self._what and done < total and now - self._drawn < _EVERY_S:
+        if what == self._what and now - self._drawn < _EVERY_S:
             return
         self._what, self._drawn = what, now
-        share = min(max(done / total, 0.0), 1.0) if total else 0.0
-        full = round(share * _WIDTH)
+        percent = _percent(done, total)
+        full = round(0.01 * percent * _WIDTH)
         bar = "#" * full + "." * (_WIDTH - full)
-        line = f"[{bar}] {share:4.0%} {now - self._begun:5.0f} s  {what}"
+        line = f"[{bar}] {percent:3}% {now - self._begun:5.0f} s  {what}"
         columns = shutil.get_terminal_size().columns
         self._stream.write(_CLEAR + line[: max(columns - 1, 10)])
         self._stream.flush()
@@ -98,7 +105,7 @@ class _Lines:
         if soon or (what == self._what and now - self._written < _LINE_EVERY_S):
             return
         self._what, self._written = what, now
-        share = f" ({done / total:.0%})" if total else ""
+        share = f" ({_percent(done, total)}%)" if total else ""
         self._stream.write(f"{now - self._begun:.0f} s: {what}{share}\n")
         self._stream.flush()
 
