@@ -128,6 +128,18 @@ def test_a_bag_that_is_learnt_from_cannot_verify_by_another_path(
     assert kept.validation["b"] != kept.bags["a"]
 
 
+def test_files_that_were_only_begun_make_two_recordings_no_copies(
+    runs: list[Path], tmp_path: Path
+) -> None:
+    """A recorder that has just gone to its next file leaves the same bytes in every bag."""
+    bags = {}
+    for name, run in zip("ab", runs, strict=False):
+        bags[name] = shutil.copytree(run, tmp_path / name)
+        (bags[name] / "next.mcap").write_bytes(b"header and definitions" * 100)
+    kept = provenance("identify", "xs031", bags, {})
+    assert kept.bags["a"] != kept.bags["b"]
+
+
 @pytest.mark.parametrize("how", ["file", "copy", "part"])
 @pytest.mark.parametrize("to_verify", [False, True])
 def test_a_recording_counts_once_however_it_is_given(

@@ -13,6 +13,8 @@ from hydro_ident.errors import IdentError
 from hydro_ident.identify.results import Provenance
 from hydro_model.robot import Robot
 
+#: Files of fewer bytes may be begun alone: header and definitions, which recordings have alike.
+_BEGUN = 1 << 13
 _VERIFYING = "validation bags of which nothing is learnt"
 
 
@@ -75,7 +77,7 @@ def bag_sha256(path: Path) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Hashed:
-    """SHA-256 of a bag, and of each of its files."""
+    """SHA-256 of a bag, and of all that no other recording has as well."""
 
     whole: str
     files: frozenset[str]
@@ -84,8 +86,9 @@ class _Hashed:
 def _hashed(path: Path) -> _Hashed:
     files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
     whole = _sha256(files, path)
-    parts = [whole] if len(files) == 1 else [_sha256([file], path) for file in files]
-    return _Hashed(whole, frozenset(parts))
+    large = [file for file in files if file.stat().st_size >= _BEGUN]
+    parts = [] if len(files) == 1 else [_sha256([file], path) for file in large]
+    return _Hashed(whole, frozenset({whole, *parts}))
 
 
 def _refuse_twice(learnt: Mapping[str, _Hashed], scored: Mapping[str, _Hashed]) -> None:
