@@ -19,10 +19,12 @@ _QUANTITIES = {
 }
 #: What is said beside numbers of a fit that was rejected.
 REJECTED = "rejected, not in model.yaml"
-#: A reversal lies between motions beyond this share of the usual fast speed, this long apart.
-_MOVES, _USUAL, _REST_S = 0.1, 0.95, 0.5
+#: A reversal lies between motions beyond this share of the usual fast speed.
+_MOVES, _USUAL = 0.1, 0.95
 #: Seconds shown to either side of a reversal, and how many reversals.
 _AROUND_S, _MOST = 0.75, 3
+#: Longest stop at a reversal: a longer one would fill more than two thirds of the picture.
+LONGEST_STOP_S = 4.0 * _AROUND_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +88,10 @@ class ChannelRows:
         return float(self.summary[key])
 
     def reversals(self) -> list[slice]:
-        """Rows around some reversals of the motion, evenly spread over all of them."""
+        """Rows around some reversals of the motion, evenly spread over all of them.
+
+        A machine stops where it turns: what is shown goes around the whole stop.
+        """
         known = np.isfinite(self.speed)
         if not known.any():
             return []
@@ -98,11 +103,10 @@ class ChannelRows:
             turns = np.flatnonzero(np.diff(np.sign(v[moving])))
             for k in turns.tolist():
                 first, last = t[moving[k]], t[moving[k + 1]]
-                if last - first > _REST_S:
+                if last - first > LONGEST_STOP_S:
                     continue
-                middle = 0.5 * (first + last)
-                inside = np.flatnonzero(np.abs(t - middle) <= _AROUND_S)
-                if t[inside[-1]] - t[inside[0]] > _AROUND_S:
+                inside = np.flatnonzero((t >= first - _AROUND_S) & (t <= last + _AROUND_S))
+                if t[inside[-1]] - t[inside[0]] > last - first + _AROUND_S:
                     begin = piece.start + int(inside[0])
                     found.append(slice(begin, begin + inside.size))
         return _spread(found)

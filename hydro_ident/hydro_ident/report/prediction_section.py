@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from hydro_ident.report.channel_rows import REJECTED, ChannelRows
+from hydro_ident.report.channel_rows import LONGEST_STOP_S, REJECTED, ChannelRows
 from hydro_ident.report.figure import APART_S, Figure, axis_title, band, line, unit_text
 from hydro_ident.report.page import Row, Section, folded, number, paragraph, table
 from hydro_ident.report.palette import BEFORE, INK, joint_colour
@@ -61,15 +61,21 @@ def prediction_section(
         colour = joint_colour(joints, joint)
         body += f"<h3>{escape(joint)}</h3>"
         for one in (c for c in held_out if c.joint == joint):
-            body += _figure(one, colour, "held-out rows").html()
-            body += _reversals(one, colour)
-        rest = [of_training[n] for n in of_training if of_training[n].joint == joint]
-        shown = "".join(_figure(one, colour, "training rows").html() for one in rest)
+            body += _figure(one, colour, _HELD_OUT).html()
+            body += _turns(one, of_training.get(one.name), colour)
+        rest = [one for one in fitted if one.joint == joint]
+        alone = {one.name for one in rest} - {one.name for one in held_out}
+        shown = "".join(
+            _figure(one, colour, _TRAINING).html()
+            + (_turns(None, one, colour) if one.name in alone else "")
+            for one in rest
+        )
         body += folded("Training rows", shown) if held_out else shown
     return Section("predictions", _TITLE, lead, body)
 
 
 _TITLE = "Measured against predicted"
+_HELD_OUT, _TRAINING = "held-out rows", "training rows"
 
 
 def _table(
@@ -123,7 +129,24 @@ def _time_title(one: ChannelRows) -> str:
     return "time in s, recordings one after the other" if several else "time in s"
 
 
-def _reversals(one: ChannelRows, colour: str) -> str:
+def _turns(held_out: ChannelRows | None, fitted: ChannelRows | None, colour: str) -> str:
+    """Close-ups of held-out rows, else of training rows, else why there are none."""
+    sides = [(_HELD_OUT, held_out), (_TRAINING, fitted)]
+    there = [(kind, one) for kind, one in sides if one is not None]
+    for kind, one in there:
+        shown = _reversals(one, colour, "" if one is held_out else f", {kind}")
+        if shown:
+            return shown
+    kinds = " or ".join(kind for kind, _ in there)
+    if not any(np.isfinite(one.speed).any() for _, one in there):
+        return paragraph(f"No close-up of a reversal: the motion of the {kinds} is not known.")
+    return paragraph(
+        f"No reversal in the {kinds}: nowhere does the motion turn with a stop of at most"
+        f" {LONGEST_STOP_S:g} s between."
+    )
+
+
+def _reversals(one: ChannelRows, colour: str, kind: str) -> str:
     """Close-ups where the motion turns: what friction and valves leave out shows there first."""
     figures = []
     for rows in one.reversals():
@@ -131,7 +154,7 @@ def _reversals(one: ChannelRows, colour: str) -> str:
         middle = 0.5 * (t[0] + t[-1])
         figures.append(
             Figure(
-                f"{one.title}, reversal at {middle:.1f} s",
+                f"{one.title}, reversal at {middle:.1f} s{kind}",
                 "time in s",
                 (axis_title(one.quantity, one.unit),),
                 [
