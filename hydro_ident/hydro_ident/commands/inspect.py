@@ -13,6 +13,7 @@ from hydro_model.command_line.output import add_json, report
 from hydro_model.command_line.terminal import advance, coloured, progress_bar
 
 if TYPE_CHECKING:
+    from hydro_ident.inspecting.health import Finding
     from hydro_ident.inspecting.inspection import Inspection
 
 
@@ -85,8 +86,7 @@ def _verdict(i: Inspection) -> list[str]:
         said = coloured("no robot", "yellow") + f": {what}; give --robot"
     elif not i.channels:
         said = coloured("nothing to identify", "red") + ": no channel is complete"
-    elif i.findings or i.losses or i.diagnostics:
-        count = len(i.findings) + len(i.losses) + len(i.diagnostics)
+    elif count := len(_irregular(i)) + len(i.losses) + len(i.diagnostics):
         said = coloured(f"{count} to look at", "yellow")
     else:
         said = coloured("healthy", "green")
@@ -117,15 +117,20 @@ def _troubles(i: Inspection) -> list[str]:
     if i.robot is None:
         lines.append(f"  {check}   joints, pressures and valves were not looked at: give --robot")
     lines += [f"  {coloured('DAMAGE', 'red')}  {printable(text)}" for text in i.damage]
-    lines += [
-        f"  {check}   {printable(f'{finding.signal}: {finding.text}')}" for finding in i.findings
-    ]
+    lines += [f"  {check}   {printable(f'{one.signal}: {one.text}')}" for one in _irregular(i)]
     lines += [f"  {coloured('SAID', 'yellow')}    {printable(text)}" for text in i.diagnostics]
     lines += [
         f"  {coloured('LOST', 'yellow')}    {printable(said)}"
         for said in (f"{loss['channel']}: {loss['reason']}" for loss in i.losses)
     ]
-    return ["", "health", *(lines or ["  nothing irregular"])]
+    known = [
+        f"  to know {printable(f'{one.signal}: {one.text}')}" for one in i.findings if one.harmless
+    ]
+    return ["", "health", *(lines or ["  nothing irregular"]), *known]
+
+
+def _irregular(i: Inspection) -> list[Finding]:
+    return [one for one in i.findings if not one.harmless]
 
 
 def _channels(i: Inspection) -> list[str]:

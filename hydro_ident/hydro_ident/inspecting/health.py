@@ -17,6 +17,10 @@ from hydro_ident.inspecting.signal_look import FULL_SHARE, SignalLook, look_at, 
 STUCK_S = 1.0
 #: Signals may touch a joint limit by an encoder's noise.
 _LIMIT_MARGIN = 1e-3
+#: Below this share of the samples the end of a range was touched: single peaks of commands, spikes
+#: of transducers, which the filters spread over too few rows to move a fit. It is told all the
+#: same: a controller that clips, or a range that is too small, begins so.
+_TOUCHED = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +37,14 @@ class Finding:
         mapping than the first of several.
     text : str
         In words, with numbers.
+    harmless : bool
+        Worth knowing, and nothing that makes a recording worse.
     """
 
     signal: str
     kind: str
     text: str
+    harmless: bool = False
 
 
 def find_irregularities(recording: Recording) -> list[Finding]:
@@ -146,41 +153,46 @@ def _pressures(look: SignalLook, period_s: float, dead: Mapping[str, float]) -> 
         if name in dead:
             low_pa = dead[name]
             stretch = count - 1, look.second_ns
-            full = float(low_pa >= FULL_SHARE * robot.sensors.pressure_range_pa)
-            void = float(low_pa < -robot.atmospheric_pressure_pa)
+            full = count if low_pa >= FULL_SHARE * robot.sensors.pressure_range_pa else 0
+            void = count if low_pa < -robot.atmospheric_pressure_pa else 0
         else:
             kind, i = read[name]
             low_pa, held = float(look.spans[kind].least[i]), look.held[kind][i]
             stretch = held.longest, held.since_ns
-            full, void = look.full[kind][i] / count, look.void[kind][i] / count
+            full, void = int(look.full[kind][i]), int(look.void[kind][i])
             yield from _not_finite(name, count - int(look.spans[kind].finite[i]))
         yield from _stuck(look, name, stretch, period_s)
         yield from _ends(look, name, full, void, low_pa)
 
 
-def _ends(
-    look: SignalLook, name: str, full: float, void: float, low_pa: float
-) -> Iterator[Finding]:
-    """Of a pressure that is at the end of its range, or below vacuum, for some share of time."""
+def _ends(look: SignalLook, name: str, full: int, void: int, low_pa: float) -> Iterator[Finding]:
+    """Of a pressure that is at the end of its range, or below vacuum, in so many samples."""
     if full:
         full_bar = look.robot.sensors.pressure_range_pa / 1e5
-        text = f"{full:.1%} of the time at the end of its range ({full_bar:.0f} bar)"
-        yield Finding(name, "saturated", text)
+        yield _part(look, name, "saturated", full, f"at the end of its range ({full_bar:.0f} bar)")
     if void:
         low_bar = (low_pa + look.robot.atmospheric_pressure_pa) / 1e5
-        text = (
-            f"{void:.1%} of the time below vacuum (down to {low_bar:.2f} bar absolute):"
+        where = (
+            f"below vacuum (down to {low_bar:.2f} bar absolute):"
             " gauge recorded as absolute, or a zero that is off"
         )
-        yield Finding(name, "range", text)
+        yield _part(look, name, "range", void, where)
 
 
 def _valves(look: SignalLook) -> Iterator[Finding]:
     if "valve_v" in look.spans:
         for valve, full in zip(look.robot.valves, look.full["valve_v"], strict=True):
             if full:
-                text = f"{full / look.cycles:.1%} of the time at {valve.rated_voltage_v:g} V"
-                yield Finding(valve.name, "saturated", text)
+                where = f"at {valve.rated_voltage_v:g} V"
+                yield _part(look, valve.name, "saturated", int(full), where)
+
+
+def _part(look: SignalLook, name: str, kind: str, count: int, where: str) -> Finding:
+    """Of a signal that is somewhere in `count` of all samples: a share, or how many."""
+    share = count / look.cycles
+    if share >= _TOUCHED:
+        return Finding(name, kind, f"{share:.1%} of the time {where}")
+    return Finding(name, kind, f"{count} of {look.cycles} samples {where}", harmless=True)
 
 
 def _not_finite(name: str, count: int) -> list[Finding]:

@@ -50,15 +50,23 @@ def health_section(
 
 
 def _irregular(recordings: Sequence[RecordingSummary]) -> str:
+    """What is wrong with signals, then what is worth knowing and harmless."""
     rows = [
-        (r.name, one.signal, one.kind.replace("_", " "), one.text)
+        (one.harmless, (r.name, one.signal, one.kind.replace("_", " "), one.text))
         for r in recordings
         for one in r.findings
     ]
-    if not rows:
-        return paragraph("No signal is stuck, saturated, out of range or latched.", "")
+    wrong, known = ([row for harmless, row in rows if harmless == side] for side in (False, True))
     head = ("recording", "signal", "what", "in numbers")
-    return "<h3>Irregular signals</h3>" + table(head, rows, text=(0, 1, 2, 3))
+    body = (
+        "<h3>Irregular signals</h3>" + table(head, wrong, text=(0, 1, 2, 3))
+        if wrong
+        else paragraph("No signal is stuck, saturated, out of range or latched.", "")
+    )
+    said = [f"{name}: {signal}: {text}" for name, signal, _, text in known]
+    if said:
+        body += paragraph("Worth knowing, too little to matter:", "") + bullets(said)
+    return body
 
 
 def _lost(losses: Sequence[BagLoss]) -> str:

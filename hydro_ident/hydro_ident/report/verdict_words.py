@@ -92,7 +92,8 @@ def loss_line(losses: Sequence[BagLoss]) -> list[str]:
 
 def health_line(recordings: Sequence[RecordingSummary]) -> list[str]:
     """Whether something is wrong with the recordings themselves."""
-    wrong = [f"{f.signal} {f.kind.replace('_', ' ')}" for r in recordings for f in r.findings]
+    found = [f for r in recordings for f in r.findings if not f.harmless]
+    wrong = [f"{f.signal} {f.kind.replace('_', ' ')}" for f in found]
     if not wrong:
         return []
     return [f"The recordings are not clean ({shortened(wrong)}): see data health first."]
