@@ -209,8 +209,8 @@ def test_a_number_that_its_error_hides_is_told_as_one(
 def test_the_report_draws_each_law_through_its_own_rows(found: Diagnosis) -> None:
     views = {view.title: view for view in law_views(found)}
     friction = views["lift cylinder: Coulomb friction"]
-    assert friction.x_title == "piston velocity in m/s"
-    assert friction.y_title == "lift/force, error in N"
+    assert friction.x_axis.title == "piston velocity in m/s"
+    assert friction.y_axis.title == "lift/force, error in N"
     fast = np.abs(friction.x) > 0.02
     for column in (friction.law, friction.residual):
         assert np.median((column * np.sign(friction.x))[fast]) == pytest.approx(2500.0, rel=0.1)

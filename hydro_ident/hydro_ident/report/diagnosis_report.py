@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from hydro_ident.everyday_units import told
+from hydro_ident.everyday_units import bracketed, told
 from hydro_ident.mismatch.answer.diagnosis_file import finding_dict
 from hydro_ident.mismatch.answer.outcome import Diagnosis, Finding
 from hydro_ident.report.correlation_section import correlation_section
@@ -126,9 +126,12 @@ def _held_out_errors(found: Diagnosis, data: Mapping[str, Any]) -> str:
     if data["heldout_rmse_before"] is None:
         return "these rows do not measure it"
     units = {channel.name: channel.unit for channel in (*found.channels, *found.fitted)}
-    unit = unit_text(units.get(data["channel"], ""))
     sides = (("heldout_rmse_before", "without it"), ("heldout_rmse_after", "with it"))
-    return ", ".join(f"{number(data[key])} {unit} {what}" for key, what in sides)
+    si = units.get(data["channel"], "")
+    return ", ".join(
+        f"{number(data[key])} {unit_text(si)}{written(bracketed((data[key],), si))} {what}"
+        for key, what in sides
+    )
 
 
 def _unexercised(found: Diagnosis, one: Finding, data: Mapping[str, Any]) -> str:

@@ -20,7 +20,7 @@ from hydro_ident.mismatch.rows.prediction import Model, Predictor
 from hydro_ident.mismatch.rows.state_space import SIGNALS, factors_of, row_values
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.report.channel_rows import ChannelRows, channel_rows, joint_speed
-from hydro_ident.report.figure import axis_title
+from hydro_ident.report.figure import Axis
 from hydro_ident.report.law_section import LawView
 from hydro_ident.report.verdict_words import plain
 from hydro_model.robot import FloatArray, Robot
@@ -106,7 +106,7 @@ def _finding_view(found: Diagnosis, work: Residuals, one: Finding) -> LawView:
     channel = predictor.material.channels.index(data["channel"])
     own = mask & (predictor.material.channel == channel)
     variable = data["where"]["variable"]
-    x_title, x = _variable(training, modelled.model, channel, variable, own)
+    x_axis, x = _variable(training, modelled.model, channel, variable, own)
     law = predictor.contribution(modelled.model, term)[own]
     # A law that was weighed alone left the base where it was: its last step is taken here.
     left = modelled.residual[own] - modelled.columns[own] @ modelled.bench.solve()
@@ -114,8 +114,8 @@ def _finding_view(found: Diagnosis, work: Residuals, one: Finding) -> LawView:
         title=f"{plain(term.target)}: {' or '.join(plain(name) for name in data['names'])}",
         note=f"{data['equation']}; {told(data['where']['text'])}",
         joint=data["channel"].split("/")[0],
-        x_title=x_title,
-        y_title=axis_title(f"{data['channel']}, error", predictor.material.units[channel]),
+        x_axis=x_axis,
+        y_axis=Axis(f"{data['channel']}, error", predictor.material.units[channel]),
         x=x,
         residual=left + law,
         law=law,
@@ -125,12 +125,12 @@ def _finding_view(found: Diagnosis, work: Residuals, one: Finding) -> LawView:
 
 def _variable(
     training: Training, model: Model, channel: int, variable: str, own: BoolArray
-) -> tuple[str, FloatArray]:
+) -> tuple[Axis, FloatArray]:
     if variable not in SIGNALS:
         variable = _OTHERWISE
     values = row_values(training.predictor, model, channel, variable)[own]
     words = ChannelWords.of(training.predictor.material, channel)
-    return axis_title(words.prose(variable), words.unit(variable)), values
+    return Axis(words.prose(variable), words.unit(variable)), values
 
 
 def _dependence_view(training: Training, fitted: Fitted, d: Dependence, text: str) -> LawView:
@@ -149,8 +149,8 @@ def _dependence_view(training: Training, fitted: Fitted, d: Dependence, text: st
         title=f"{name} against {words.prose(d.variable)}",
         note=text,
         joint=name.split("/")[0],
-        x_title=axis_title(words.prose(d.variable), words.unit(d.variable)),
-        y_title=axis_title(f"{name}, error", unit),
+        x_axis=Axis(words.prose(d.variable), words.unit(d.variable)),
+        y_axis=Axis(f"{name}, error", unit),
         x=values[d.variable][own],
         residual=residual,
         law=law,

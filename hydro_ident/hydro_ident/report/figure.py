@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.report.page import written
+from hydro_ident.everyday_units import everyday
+from hydro_ident.report.page import number, written
 from hydro_ident.report.palette import BAND
 from hydro_model.robot import FloatArray
 
@@ -29,18 +30,62 @@ DOTS = 1500
 _PANEL, _FRAME, _LINE = 190, 90, 22
 #: A line breaks where a step is so many times the median one.
 _JUMP = 10.0
+#: How the packages write units, and how people do.
+_SIGNS = (("^2", "²"), ("^3", "³"), ("sqrt(Pa)", "√Pa"), ("degC", "°C"), ("deg", "°"))
 #: Seconds between recordings that are drawn one after the other.
 APART_S = 2.0
 
 
-def axis_title(name: str, unit: str) -> str:
-    """Title of an axis, with its unit."""
-    return f"{name} in {unit_text(unit)}" if unit not in ("", "1") else f"{name} (no unit)"
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """An axis of a quantity, in the unit that people use.
+
+    What that is in SI stands below the title of the figure: m^3/s would be told in 1e-5.
+
+    Attributes
+    ----------
+    name : str
+    unit : str
+        In SI, as the packages write it; empty or 1 for none.
+    """
+
+    name: str
+    unit: str
+
+    @property
+    def title(self) -> str:
+        """With its unit."""
+        if self.unit in ("", "1"):
+            return f"{self.name} (no unit)"
+        return f"{self.name} in {unit_text(self._told()[0])}"
+
+    @property
+    def in_si(self) -> str:
+        """What one of its unit is in SI; empty where that is its unit."""
+        unit, scale = self._told()
+        if unit == self.unit:
+            return ""
+        one = f"1{unit_text(unit)}" if unit.startswith("deg") else f"1 {unit_text(unit)}"
+        return f"{one} = {number(1.0 / scale)} {unit_text(self.unit)}"
+
+    def of(self, values: FloatArray) -> FloatArray:
+        """Values of SI as they are drawn along it."""
+        scale = self._told()[1]
+        return values if scale == 1.0 else np.asarray(scale * values)
+
+    def _told(self) -> tuple[str, float]:
+        return everyday(self.unit) or (self.unit, 1.0)
 
 
 def unit_text(unit: str) -> str:
     """A unit as people write it."""
-    for typed, read in (("^2", "²"), ("^3", "³"), ("sqrt(Pa)", "√Pa"), ("degC", "°C")):
+    for typed, read in (
+        ("^2", "²"),
+        ("^3", "³"),
+        ("sqrt(Pa)", "√Pa"),
+        ("degC", "°C"),
+        ("deg", "°"),
+    ):
         unit = unit.replace(typed, read)
     return "–" if unit in ("", "1", "-") else unit
 
@@ -53,10 +98,10 @@ class Figure:
     ----------
     title, note : str
         Plain text; the note says how to read it.
-    x : str
-        Title of the horizontal axis, with its unit.
-    panels : tuple of str
-        Titles of the vertical axes, from above; they share the horizontal one.
+    x : Axis or str
+        The horizontal axis, or its title with its unit.
+    panels : tuple of Axis or str
+        The vertical axes, from above; they share the horizontal one.
     traces : list of dict
         As plotly takes them.
     layout : dict
@@ -68,8 +113,8 @@ class Figure:
     """
 
     title: str
-    x: str
-    panels: tuple[str, ...]
+    x: Axis | str
+    panels: tuple[Axis | str, ...]
     traces: list[dict[str, Any]] = field(default_factory=list)
     layout: dict[str, Any] = field(default_factory=dict)
     note: str = ""
@@ -79,26 +124,30 @@ class Figure:
     def as_dict(self) -> dict[str, Any]:
         """For plotly."""
         count = len(self.panels)
-        layout: dict[str, Any] = {"xaxis": {"title": {"text": self.x}}, **self.layout}
-        layout["xaxis"] = {"title": {"text": self.x}, **layout["xaxis"]}
+        across = {"title": {"text": _title(self.x)}}
+        layout: dict[str, Any] = {"xaxis": across, **self.layout}
+        layout["xaxis"] = {**across, **layout["xaxis"]}
         layout["xaxis"]["anchor"] = _axis("y", count - 1)
-        for k, title in enumerate(self.panels):
+        for k, panel in enumerate(self.panels):
             top = 1.0 - k / count
             bottom = top - 1.0 / count + (0.06 if k < count - 1 else 0.0)
             layout[f"yaxis{k + 1 if k else ''}"] = {
-                "title": {"text": title},
+                "title": {"text": _title(panel)},
                 "domain": [round(max(bottom, 0.0), 4), round(top, 4)],
                 "anchor": "x",
             }
         if self.rows:
-            names = {"text": self.panels[0], "standoff": 12}
+            names = {"text": _title(self.panels[0]), "standoff": 12}
             layout["yaxis"] |= {"autorange": "reversed", "dtick": 1, "title": names}
         return {"data": self.traces, "layout": layout}
 
     def html(self) -> str:
         """The figure element; its data stand beside it as JSON."""
         data = json.dumps(self.as_dict(), separators=(",", ":"), allow_nan=False)
-        note = f"<small>{escape(written(self.note))}</small>" if self.note else ""
+        axes = [one for one in (self.x, *self.panels) if isinstance(one, Axis)]
+        in_si = "; ".join(dict.fromkeys(one.in_si for one in axes if one.in_si))
+        notes = (written(self.note), in_si)
+        note = "".join(f"<small>{escape(text)}</small>" for text in notes if text)
         height = _FRAME + (_LINE * self.rows or round(_PANEL * self.tall) * len(self.panels))
         return (
             f"<figure><figcaption>{escape(self.title)}{note}</figcaption>"
@@ -107,6 +156,10 @@ class Figure:
             f'<script type="application/json">{data.replace("<", chr(92) + "u003c")}</script>'
             "</figure>"
         )
+
+
+def _title(axis: Axis | str) -> str:
+    return axis.title if isinstance(axis, Axis) else axis
 
 
 def _axis(letter: str, panel: int) -> str:

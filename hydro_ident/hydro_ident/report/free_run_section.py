@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hydro_ident.report.figure import Figure, axis_title, line, one_after_another
-from hydro_ident.report.page import Row, Section, bullets, number, paragraph, table
+from hydro_ident.report.figure import Axis, Figure, line, one_after_another
+from hydro_ident.report.page import Row, Section, also, bullets, number, paragraph, table
 from hydro_ident.report.palette import BEFORE, INK, joint_colour
 from hydro_ident.rollouts.free_run import FreeRun, JointRollout
 
@@ -39,17 +39,19 @@ def free_run_section(run: FreeRun | None, joints: Sequence[str]) -> Section:
 def _row(j: JointRollout, joints: Sequence[str]) -> Row:
     numbers = (j.rmse_before, j.rmse_after, j.whole_before, j.whole_after)
     cells = (j.joint, j.unit, *(number(v) for v in numbers))
-    return Row(cells, dot=joint_colour(joints, j.joint))
+    windows, whole = (also(pair, j.unit, " → ") for pair in (numbers[:2], numbers[2:]))
+    below = "; ".join(filter(None, (windows, whole and f"whole run {whole}")))
+    return Row(cells, below, joint_colour(joints, j.joint))
 
 
 def _figure(j: JointRollout, joints: Sequence[str]) -> Figure:
     time_s, colour = one_after_another(j.time_s), joint_colour(joints, j.joint)
-    traces = [line("measured", (time_s, j.measured), INK, width=1.2)]
+    position, error = Axis("position", j.unit), Axis("error", j.unit)
+    traces = [line("measured", (time_s, position.of(j.measured)), INK, width=1.2)]
     sides = (("before", BEFORE, "dot", j.before), ("after", colour, "solid", j.after))
     for name, shade, dash, values in sides:
         if np.isfinite(values).all():
-            traces.append(line(name, (time_s, values), shade, dash=dash))
-            error = (time_s, j.measured - values)
-            traces.append(line(name, error, shade, panel=1, dash=dash, legend=False))
-    panels = (axis_title("position", j.unit), axis_title("error", j.unit))
-    return Figure(f"{j.joint}, free run", "time in s", panels, traces)
+            traces.append(line(name, (time_s, position.of(values)), shade, dash=dash))
+            off = (time_s, error.of(j.measured - values))
+            traces.append(line(name, off, shade, panel=1, dash=dash, legend=False))
+    return Figure(f"{j.joint}, free run", "time in s", (position, error), traces)

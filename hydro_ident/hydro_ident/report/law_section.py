@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_ident.report.channel_rows import ChannelRows
-from hydro_ident.report.figure import Figure, axis_title, band, dots, line
+from hydro_ident.report.figure import Axis, Figure, band, dots, line
 from hydro_ident.report.page import Section, paragraph
 from hydro_ident.report.palette import BEFORE, INK, joint_colour
 from hydro_model.robot import FloatArray
@@ -27,10 +27,9 @@ class LawView:
     ----------
     title, note : str
     joint : str
-    x_title, y_title : str
-        With units.
+    x_axis, y_axis : Axis
     x, residual : (N,) array
-        The variable, and what the model without this law leaves.
+        The variable, and what the model without this law leaves; SI.
     law, left : (N,) array or None
         What the law says of each row, and what is left with it; None where none was looked for.
     legend : str
@@ -40,8 +39,8 @@ class LawView:
     title: str
     note: str
     joint: str
-    x_title: str
-    y_title: str
+    x_axis: Axis
+    y_axis: Axis
     x: FloatArray
     residual: FloatArray
     law: FloatArray | None
@@ -69,8 +68,8 @@ def speed_views(channels: Sequence[ChannelRows]) -> list[LawView]:
                 title=one.title,
                 note=one.remark,
                 joint=one.joint,
-                x_title=axis_title(one.speed_name, one.speed_unit),
-                y_title=axis_title("error", one.unit),
+                x_axis=Axis(one.speed_name, one.speed_unit),
+                y_axis=Axis("error", one.unit),
                 x=one.speed,
                 residual=one.residuals[1],
                 law=None,
@@ -81,18 +80,20 @@ def speed_views(channels: Sequence[ChannelRows]) -> list[LawView]:
 
 
 def _figure(view: LawView, colour: str) -> Figure:
-    traces = [dots("residual", (view.x, view.residual), BEFORE)]
+    across, up = view.x_axis.of, view.y_axis.of
+    x, residual = across(view.x), up(view.residual)
+    traces = [dots("residual", (x, residual), BEFORE)]
     if view.law is None or view.left is None:
-        at, middle, low, high = binned(view.x, view.residual)
+        at, middle, low, high = binned(x, residual)
         traces.append(band("80 % of rows", at, low, high, legend=False))
         traces.append(line("median", (at, middle), colour, width=3.0))
     else:
-        at, middle, low, high = binned(view.x, view.law)
+        at, middle, low, high = binned(x, up(view.law))
         traces.append(band("80 % of rows", at, low, high, legend=False))
         traces.append(line(view.legend, (at, middle), colour, width=3.0))
-        at, middle, _, _ = binned(view.x, view.left)
+        at, middle, _, _ = binned(x, up(view.left))
         traces.append(line("left", (at, middle), INK, dash="dash"))
-    return Figure(view.title, view.x_title, (view.y_title,), traces, note=view.note)
+    return Figure(view.title, view.x_axis, (view.y_axis,), traces, note=view.note)
 
 
 def binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -8,8 +8,8 @@ from html import escape
 import numpy as np
 
 from hydro_ident.report.channel_rows import LONGEST_STOP_S, REJECTED, ChannelRows
-from hydro_ident.report.figure import APART_S, Figure, axis_title, band, line, unit_text
-from hydro_ident.report.page import Row, Section, folded, number, paragraph, table
+from hydro_ident.report.figure import APART_S, Axis, Figure, band, line, unit_text
+from hydro_ident.report.page import Row, Section, also, folded, number, paragraph, table
 from hydro_ident.report.palette import BEFORE, INK, joint_colour
 
 _HEAD = (
@@ -94,8 +94,19 @@ def _table(
         cells += [number(other.value(k)) if other else "–" for k in keys[:2]]
         dot = joint_colour(joints, first.joint)
         texts = (name, unit_text(first.unit), *cells)
-        rows.append(Row(texts, below=first.remark, dot=dot, off=first.rejected))
+        below = "; ".join(filter(None, (_as_people_tell(one, other), first.remark)))
+        rows.append(Row(texts, below=below, dot=dot, off=first.rejected))
     return table(_HEAD, rows)
+
+
+def _as_people_tell(held_out: ChannelRows | None, fitted: ChannelRows | None) -> str:
+    """Errors in the unit that people use; empty where SI is."""
+    texts = []
+    for one, what in ((held_out, ""), (fitted, "training ")):
+        if one is not None:
+            errors = also((one.value("rmse_before"), one.value("rmse_after")), one.unit, " → ")
+            texts += [what + errors] if errors else []
+    return "; ".join(texts)
 
 
 def _figure(one: ChannelRows, colour: str, kind: str) -> Figure:
@@ -103,18 +114,19 @@ def _figure(one: ChannelRows, colour: str, kind: str) -> Figure:
     before, after = one.residuals
     floor = one.value("noise_floor")
     ends = one.time_s[[0, -1]]
-    quantity = one.quantity
+    t, value, error = one.time_s, Axis(one.quantity, one.unit), Axis("error", one.unit)
+    high = error.of(np.full(2, 2.0 * floor))
     return Figure(
         f"{one.title}, {kind}",
         _time_title(one),
-        (axis_title(quantity, one.unit), axis_title("error", one.unit)),
+        (value, error),
         [
-            line("measured", (one.time_s, one.measured), INK, width=1.2),
-            line("before", (one.time_s, one.before), BEFORE, dash="dot"),
-            line("after", (one.time_s, one.after), colour),
-            band("noise ±2σ", ends, np.full(2, -2 * floor), np.full(2, 2 * floor), panel=1),
-            line("b", (one.time_s, before), BEFORE, panel=1, dash="dot", legend=False),
-            line("a", (one.time_s, after), colour, panel=1, legend=False),
+            line("measured", (t, value.of(one.measured)), INK, width=1.2),
+            line("before", (t, value.of(one.before)), BEFORE, dash="dot"),
+            line("after", (t, value.of(one.after)), colour),
+            band("noise ±2σ", ends, -high, high, panel=1),
+            line("b", (t, error.of(before)), BEFORE, panel=1, dash="dot", legend=False),
+            line("a", (t, error.of(after)), colour, panel=1, legend=False),
         ],
         note=_note(one),
     )
@@ -148,7 +160,7 @@ def _turns(held_out: ChannelRows | None, fitted: ChannelRows | None, colour: str
 
 def _reversals(one: ChannelRows, colour: str, kind: str) -> str:
     """Close-ups where the motion turns: what friction and valves leave out shows there first."""
-    figures = []
+    figures, value = [], Axis(one.quantity, one.unit)
     for rows in one.reversals():
         t = one.time_s[rows]
         middle = 0.5 * (t[0] + t[-1])
@@ -156,11 +168,11 @@ def _reversals(one: ChannelRows, colour: str, kind: str) -> str:
             Figure(
                 f"{one.title}, reversal at {middle:.1f} s{kind}",
                 "time in s",
-                (axis_title(one.quantity, one.unit),),
+                (value,),
                 [
-                    line("measured", (t, one.measured[rows]), INK, width=1.2),
-                    line("before", (t, one.before[rows]), BEFORE, dash="dot"),
-                    line("after", (t, one.after[rows]), colour, width=2.0),
+                    line("measured", (t, value.of(one.measured[rows])), INK, width=1.2),
+                    line("before", (t, value.of(one.before[rows])), BEFORE, dash="dot"),
+                    line("after", (t, value.of(one.after[rows])), colour, width=2.0),
                 ],
                 note=_note(one),
             )

@@ -9,7 +9,7 @@ from hydro_ident.everyday_units import everyday, rounded
 from hydro_ident.identify.recording_summary import JointMotion, RecordingSummary
 from hydro_ident.identify.verdict import BagLoss
 from hydro_ident.inspecting.inspection import Range
-from hydro_ident.report.figure import Figure, axis_title, path, unit_text
+from hydro_ident.report.figure import Axis, Figure, path, unit_text
 from hydro_ident.report.page import (
     Row,
     Section,
@@ -166,12 +166,12 @@ def _covered(recordings: Sequence[RecordingSummary], joints: Sequence[str]) -> l
         units = [m.unit for r in recordings for m in r.motion if m.joint == joint]
         if not units:
             continue
+        x, y = Axis("position", units[0]), Axis("speed", f"{units[0]}/s")
         traces = []
         for r in recordings:
-            way = r.position[:, k], r.velocity[:, k]
+            way = x.of(r.position[:, k]), y.of(r.velocity[:, k])
             dash = "solid" if r.training else "dot"
             traces.append(path(f"{_role(r)}: {r.name}", way, colour, dash=dash))
-        x, y = axis_title("position", units[0]), axis_title("speed", f"{units[0]}/s")
         figures.append(Figure(f"{joint}: positions and speeds visited", x, (y,), traces).html())
     return figures
 

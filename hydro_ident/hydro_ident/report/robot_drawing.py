@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from hydro_ident.everyday_units import bracketed
 from hydro_ident.report.figure import Figure, numbers
+from hydro_ident.report.page import written
 from hydro_ident.report.palette import BEFORE, INK, joint_colour
 from hydro_ident.robots.robot_ranges import drawn_poses
 from hydro_model.hydraulics.cylinder import stroke
@@ -102,13 +104,18 @@ def drawings(robot: Robot) -> tuple[Figure, ...]:
 
 def _pose(robot: Robot, plane: Plane, q: FloatArray, name: str) -> Figure:
     values = ", ".join(
-        f"{joint.name} {value:.3f} {'m' if joint.prismatic else 'rad'}"
+        f"{joint.name} {_place(value, prismatic=joint.prismatic)}"
         for joint, value in zip(robot.joints, q, strict=True)
     )
     traces = [*_links(robot, plane, q), *_cylinders(robot, plane, q)]
     return Figure(
         f"At the {name}: {values}", "across in m", ("up in m",), traces, _equal(), tall=1.9
     )
+
+
+def _place(value: float, *, prismatic: bool) -> str:
+    unit = "m" if prismatic else "rad"
+    return f"{value:.3f} {unit}{written(bracketed((value,), unit))}"
 
 
 def _equal() -> dict[str, Any]:

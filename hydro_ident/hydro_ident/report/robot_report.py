@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.report.figure import Figure, axis_title, line, unit_text
-from hydro_ident.report.page import Row, Section, Verdict, number, page, paragraph, table
+from hydro_ident.report.figure import Axis, Figure, line, unit_text
+from hydro_ident.report.page import Row, Section, Verdict, also, number, page, paragraph, table
 from hydro_ident.report.palette import BEFORE, joint_colour
 from hydro_ident.report.robot_drawing import drawings
 from hydro_ident.robots.robot_check import ERROR, WARNING, RobotCheck
 from hydro_ident.robots.robot_ranges import CylinderRange
-from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, Robot
+from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, FloatArray, Robot
 from hydro_model.robot_files import datasheet_inertia
 
 _DRAWN = (
@@ -90,6 +90,7 @@ def _table(check: RobotCheck) -> str:
                 *(f"{v:.3f}" for v in (r.stroke_m.min(), r.stroke_m.max(), r.cylinder.stroke_m)),
                 *(f"{v:.3f}" for v in (r.lever_m.min(), r.lever_m.max())),
             ),
+            below=also((r.q[0], r.q[-1]), r.unit),
             dot=joint_colour(names, r.cylinder.joint),
         )
         for r in check.ranges
@@ -99,24 +100,25 @@ def _table(check: RobotCheck) -> str:
 
 def _figure(robot: Robot, r: CylinderRange) -> Figure:
     colour = joint_colour(robot.joint_names, r.cylinder.joint)
-    load = "load, over poses of the rest"
+    joint, load = Axis(r.cylinder.joint, r.unit), "load, over poses of the rest"
+    q = joint.of(r.q)
     traces = [
-        line("stroke", (r.q, r.stroke_m), colour),
-        _level("ends of the stroke", r, 0.0),
-        _level("", r, r.cylinder.stroke_m),
-        line("lever arm", (r.q, r.lever_m), colour, panel=1),
-        _level("", r, 0.0, panel=1),
-        line(load, (r.q, 1e-3 * r.load_low_n), colour, panel=2),
-        line(load, (r.q, 1e-3 * r.load_high_n), colour, panel=2, legend=False),
-        _level("what the supply gives", r, 1e-3 * r.push_n, panel=2),
-        _level("", r, 1e-3 * r.pull_n, panel=2),
+        line("stroke", (q, r.stroke_m), colour),
+        _level("ends of the stroke", q, 0.0),
+        _level("", q, r.cylinder.stroke_m),
+        line("lever arm", (q, r.lever_m), colour, panel=1),
+        _level("", q, 0.0, panel=1),
+        line(load, (q, 1e-3 * r.load_low_n), colour, panel=2),
+        line(load, (q, 1e-3 * r.load_high_n), colour, panel=2, legend=False),
+        _level("what the supply gives", q, 1e-3 * r.push_n, panel=2),
+        _level("", q, 1e-3 * r.pull_n, panel=2),
     ]
     panels = ("stroke in m", "lever arm in m", "load at rest in kN")
-    return Figure(r.cylinder.name, axis_title(r.cylinder.joint, r.unit), panels, traces)
+    return Figure(r.cylinder.name, joint, panels, traces)
 
 
-def _level(name: str, r: CylinderRange, value: float, *, panel: int = 0) -> dict[str, Any]:
-    ends = np.array([r.q[0], r.q[-1]])
+def _level(name: str, q: FloatArray, value: float, *, panel: int = 0) -> dict[str, Any]:
+    ends = q[[0, -1]]
     level = (ends, np.full(2, value))
     return line(name, level, BEFORE, panel=panel, dash="dash", legend=bool(name))
 
