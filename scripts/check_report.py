@@ -5,9 +5,9 @@
     scripts/check_report.py --which         # only says which browser it would take
 
 At three widths, or those given, light and dark: errors on the console, anything that would be
-fetched, figures that are not drawn, their titles and numbers cut off, contents wider than the
-screen; then the report as it is printed. Prints what it measured as JSON. Exit 0 nothing found;
-1 something was; 2 no such report, no browser, or one that fails or falls silent.
+fetched, figures that are not drawn, their titles and numbers cut off or one on the other, contents
+wider than the screen; then the report as it is printed. Prints what it measured as JSON. Exit 0
+nothing found; 1 something was; 2 no such report, no browser, or one that fails or falls silent.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ BROWSERS = (
 )  # fmt: skip
 WIDTHS, SCHEMES = (390, 820, 1400), ("light", "dark")
 NARROW, HEIGHT = 600, 900
+#: Width of what is printed on a page of paper, px.
+PAPER = 710
 #: How long the browser may say nothing, and how long it may take to end.
 WAIT_S, END_S = 60.0, 10.0
 #: Waits until what was asked for is drawn, and what it called has run. A browser without a screen
@@ -91,8 +93,22 @@ MEASURE = """(() => {
       }
     }
   }
+  // Two numbers or titles of axes that lie on one another.
+  const ROOM = 0, touching = [];
+  const labels = '[class$="tick"] text, text[class$="title"]';
+  for (const canvas of canvases) {
+    const texts = [...canvas.querySelectorAll(labels)]
+      .map(text => [text.textContent.slice(0, 40), text.getBoundingClientRect()])
+      .filter(([, box]) => box.width > 0);
+    const first = texts.flatMap(([name, a], k) => texts.slice(k + 1)
+      .filter(([, b]) => Math.min(a.right, b.right) - Math.max(a.left, b.left) > ROOM
+        && Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > ROOM)
+      .map(([other]) => `'${name}' on '${other}' of '${canvas.ariaLabel}'`))[0];
+    if (first) touching.push(first);
+  }
   return {
     cut: cut.slice(0, 5),
+    touching: touching.slice(0, 5),
     scrolling: [...document.querySelectorAll('.scroll')].filter(
       s => s.scrollWidth > s.clientWidth + 1).map(s => s.querySelector('th')?.innerText.trim()),
     hint: document.querySelector('.hint')?.innerText.trim(),
@@ -245,12 +261,18 @@ def look(browser: Browser, report: Path, width: int, shots: Path | None) -> list
             found.append(f"wider than the screen: {measured['overflow']} px, {measured['wide']}")
         if measured["cut"]:
             found.append(f"cut off: {', '.join(measured['cut'])}")
+        found += _touching(measured)
         if measured["drawn"] != measured["figures"]:
             found.append(f"{measured['drawn']} of {measured['figures']} figures drawn")
         if shots is not None:
             _shoot(browser, shots / f"{report.stem}-{width}-{scheme}", width, measured["height"])
         views.append({"width": width, "scheme": scheme, **measured, "found": found})
     return views
+
+
+def _touching(measured: dict[str, Any]) -> list[str]:
+    texts: list[str] = measured["touching"]
+    return [f"one on the other: {', '.join(texts)}"] if texts else []
 
 
 def _open(browser: Browser, url: str) -> None:
@@ -275,11 +297,27 @@ def _shoot(browser: Browser, stem: Path, width: int, height: int) -> None:
 def printed(browser: Browser, report: Path, shots: Path | None) -> Any:
     """The report on paper."""
     browser.events.clear()
+    found = _touching(_on_paper(browser))
     pdf = base64.b64decode(browser.call("Page.printToPDF", printBackground=True)["data"])
     if shots is not None:
         (shots / f"{report.stem}.pdf").write_bytes(pdf)
     pages = len(re.findall(rb"/Type\s*/Page\b", pdf))
-    return {"printed_bytes": len(pdf), "pages": pages, "found": complaints(browser.events)}
+    return {"printed_bytes": len(pdf), "pages": pages, "found": found + complaints(browser.events)}
+
+
+def _on_paper(browser: Browser) -> dict[str, Any]:
+    """What is measured of the page as it is laid out for printing."""
+    paper = {"width": PAPER, "height": HEIGHT, "deviceScaleFactor": 1, "mobile": False}
+    browser.call("Emulation.setDeviceMetricsOverride", **paper)
+    browser.call("Emulation.setEmulatedMedia", media="print")
+    wait = f"(async () => {{{FRAME}await frame();}})()"
+    browser.evaluate("dispatchEvent(new Event('beforeprint'))")
+    browser.evaluate(wait)
+    measured: dict[str, Any] = browser.evaluate(MEASURE)
+    browser.evaluate("dispatchEvent(new Event('afterprint'))")
+    browser.call("Emulation.setEmulatedMedia", media="")
+    browser.evaluate(wait)
+    return measured
 
 
 def views_of(path: str, options: argparse.Namespace) -> list[Any]:

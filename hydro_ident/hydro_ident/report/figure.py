@@ -129,8 +129,8 @@ class Figure:
         layout["xaxis"] = {**across, **layout["xaxis"]}
         layout["xaxis"]["anchor"] = _axis("y", count - 1)
         for k, panel in enumerate(self.panels):
-            top = 1.0 - k / count
-            bottom = top - 1.0 / count + (0.06 if k < count - 1 else 0.0)
+            # Without gaps: how much of the height they take, the page knows when it draws.
+            top, bottom = 1.0 - k / count, 1.0 - (k + 1) / count
             layout[f"yaxis{k + 1 if k else ''}"] = {
                 "title": {"text": _title(panel)},
                 "domain": [round(max(bottom, 0.0), 4), round(top, 4)],

@@ -10,7 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from hydro_ident.report.figure import Figure, line
 
 ROOT = Path(__file__).resolve().parents[3]
 #: What makes the report.
@@ -96,6 +99,46 @@ def test_a_title_that_its_figure_cuts_off_is_found(
     for view in browser_check(file)["views"][:-1]:
         (said,) = view["found"]
         assert re.fullmatch(r"cut off: 'force in N' of 'law' by \d+ px", said)
+
+
+def test_numbers_of_axes_that_lie_on_one_another_are_found(
+    tmp_path: Path, browser_check: Callable[..., dict[str, Any]]
+) -> None:
+    text = '<text x="10" y="{}">{}</text>'
+    tick, other = (f'<g class="{name}">{{}}</g>' for name in ("ytick", "y2tick"))
+    near = tick.format(text.format(20, "5")) + other.format(text.format(26, "−1"))
+    apart = tick.format(text.format(20, "5")) + other.format(text.format(46, "−1"))
+    file = tmp_path / "figure.html"
+    file.write_text(
+        '<meta name="viewport" content="width=device-width">'
+        + "".join(
+            f'<div class="canvas" aria-label="{name}">'
+            f'<svg class="main-svg" width="200" height="60" font-size="12">{inside}</svg></div>'
+            for name, inside in (("near", near), ("apart", apart))
+        )
+        + "<style>.canvas{width:200px}</style>",
+        encoding="utf-8",
+    )
+    for view in browser_check(file, 390)["views"]:
+        assert view["found"] == ["one on the other: '5' on '−1' of 'near'"]
+
+
+@pytest.mark.needs("plotly")
+def test_panels_keep_their_numbers_and_titles_apart_on_paper_too(
+    tmp_path: Path, browser_check: Callable[..., dict[str, Any]]
+) -> None:
+    from hydro_ident.report.page import Section, Verdict, page
+
+    t = np.linspace(-1.0, 1.0, 200)
+    forces = line("measured", (t, 43e3 + 17.5e3 * t), "#000000")
+    left = line("after", (t, -5e3 + 10.4e3 * t), "#000000", panel=1)
+    shown = Figure("lift", "time in s", ("force in N", "error in N"), [forces, left]).html()
+    body = shown + f'<div class="pair">{shown}{shown}</div>'
+    file = tmp_path / "report.html"
+    sections = [Section("one", "One", "lead", body)]
+    file.write_text(page("t", Verdict("good", "h", "w", ()), sections), encoding="utf-8")
+    seen = browser_check(file, 390, 1400)["views"]
+    assert [view["found"] for view in seen] == [[]] * len(seen)
 
 
 def test_what_fails_when_the_scheme_changes_is_found_in_that_view(

@@ -1,7 +1,9 @@
 "use strict";
 // Draws the figures of a report: each when it comes near the screen, all of them for printing.
 (function () {
-  const PRINT_WIDTH = 680, PRINT_PAIR_WIDTH = 330;
+  const PRINT_WIDTH = 680, PRINT_PAIR_WIDTH = 330, PRINT_HEIGHT = 165;
+  // Pixels around all panels of a figure, heights of text that a tick has, and of a gap of panels.
+  const FRAME = 90, LINES_PER_TICK = 1.7, LINES_BETWEEN = 2;
   const touch = matchMedia("(pointer: coarse)").matches;
   const config = {responsive: true, displayModeBar: false, doubleClick: "reset"};
   const canvases = Array.from(document.querySelectorAll(".canvas"));
@@ -23,7 +25,20 @@
     return result;
   }
 
-  function layoutOf(figure, width) {
+  // Few enough numbers on a vertical axis, and room between panels, that none lie on one another:
+  // a page of paper has less height for the same text.
+  function spaced(axis, size, height) {
+    const inner = Math.max(height - FRAME, FRAME);
+    const [low, high] = axis.domain;
+    const bottom = low > 0 ? low + LINES_BETWEEN * size / inner : low;
+    const ticks = Math.floor((high - bottom) * inner / (LINES_PER_TICK * size));
+    return Object.assign({}, axis, {
+      domain: [bottom, high], nticks: Math.max(2, Math.min(9, ticks)),
+      title: Object.assign({standoff: 8}, axis.title),
+    });
+  }
+
+  function layoutOf(figure, width, height) {
     const ink = token("--ink"), grid = token("--grid"), narrow = width < 520;
     // On paper figures are smaller, so that pages are full.
     const size = document.documentElement.hasAttribute("data-print") ? 9 : narrow ? 11 : 12;
@@ -41,7 +56,8 @@
       layout[key] = Object.assign({
         gridcolor: grid, zerolinecolor: token("--rule"), linecolor: token("--rule"),
         automargin: true, exponentformat: "power", minexponent: 5, nticks: narrow ? 5 : 9,
-      }, layout[key]);
+        ticks: "outside", ticklen: 4, tickcolor: "rgba(0,0,0,0)",
+      }, key[0] === "y" ? spaced(layout[key], size, height) : layout[key]);
       if (touch) layout[key].fixedrange = true;
     }
     return layout;
@@ -52,12 +68,13 @@
     const figure = JSON.parse(source.textContent);
     const printing = document.documentElement.hasAttribute("data-print");
     const width = canvas.clientWidth || PRINT_WIDTH;
-    const layout = layoutOf(figure, width);
+    const height = canvas.clientHeight || PRINT_HEIGHT;
+    const layout = layoutOf(figure, width, height);
     if (printing) {
       layout.width = canvas.closest(".pair") ? PRINT_PAIR_WIDTH : PRINT_WIDTH;
       layout.autosize = false;
     }
-    layout.height = canvas.clientHeight || undefined;
+    layout.height = height;
     drawn.add(canvas);
     Plotly.react(canvas, themed(figure.data), layout, config);
   }
