@@ -224,7 +224,7 @@ def _finding_lines(found: Diagnosis, one: Finding) -> list[str]:
     """A finding: its names, the law in the model, its numbers and what held-out rows say."""
     from hydro_ident.everyday_units import bracketed, told
     from hydro_ident.mismatch.answer.diagnosis_file import finding_dict
-    from hydro_ident.report.found_words import corners, law_in_model
+    from hydro_ident.report.found_words import as_share, corners, law_in_model
 
     data = finding_dict(found, one)
     pairs = zip(data["names"], data["probability"], strict=True)
@@ -235,9 +235,11 @@ def _finding_lines(found: Diagnosis, one: Finding) -> list[str]:
     lines = [f"found in {data['channel']}, of {data['target']}: {names}, {where}"]
     for p in data["parameters"]:
         std = "" if p["std"] is None else f" +- {p['std']:.3g}"
+        share = as_share(p["name"], p["value"])
+        unit = f" ({share})" if share else "" if p["unit"] == "1" else f" {p['unit']}"
         more = bracketed((p["value"],), p["unit"])
         vague = ": no larger than its error" if (p["std"] or 0.0) > abs(p["value"]) else ""
-        lines.append(f"    {p['name']} = {p['value']:.5g}{std} {p['unit']}{more}{vague}")
+        lines.append(f"    {p['name']} = {p['value']:.5g}{std}{unit}{more}{vague}")
     for p in corners(data):
         std = "" if p["std"] is None else f" +- {p['std']:.3g}"
         lines.append(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from hydro_ident.identify.channel_scores import LEFT_OUT
 from hydro_ident.identify.verdict import RECORDED_AS
 from hydro_ident.mismatch.answer.diagnosis_file import finding_dict
 from hydro_ident.mismatch.answer.outcome import (
@@ -20,7 +21,7 @@ from hydro_ident.mismatch.answer.outcome import (
 from hydro_ident.mismatch.rows.channel_words import ChannelWords
 from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.figure import unit_text
-from hydro_ident.report.found_words import corners, law_in_model, not_shown
+from hydro_ident.report.found_words import as_share, corners, law_in_model, not_shown
 from hydro_ident.report.page import Verdict, also, number, percent
 from hydro_ident.report.unnamed_words import in_words
 from hydro_ident.report.verdict_words import (
@@ -31,6 +32,7 @@ from hydro_ident.report.verdict_words import (
     health_line,
     limited,
     loss_line,
+    most_left,
     noise_line,
     plain,
     shortened,
@@ -66,7 +68,7 @@ _CERTAIN = 0.99
 
 def diagnosis_verdict(found: Diagnosis, held_out: Sequence[ChannelRows]) -> Verdict:
     """What differs, what was left out, how sure, what to do next."""
-    tone, headline = _HEADLINES[found.verdict]
+    tone, headline = _headline(found, held_out)
     cards = (
         ("What differs", limited(_differs(found, held_out))),
         ("What was left out", limited(_left_out(found))),
@@ -74,6 +76,24 @@ def diagnosis_verdict(found: Diagnosis, held_out: Sequence[ChannelRows]) -> Verd
         ("What to do next", limited(_next(found))),
     )
     return Verdict(tone, headline, found.verdict, cards)
+
+
+def _headline(found: Diagnosis, held_out: Sequence[ChannelRows]) -> tuple[str, str]:
+    """Tone and headline: green only where names are told apart and little is left."""
+    tone, headline = _HEADLINES[found.verdict]
+    if found.verdict != EXPLAINED:
+        return tone, headline
+    unsure = sum(f.named.probability[0] < _SURE for f in found.findings)
+    name, ratio = most_left(held_out)
+    limits = []
+    if unsure:
+        of = f"{unsure} of {len(found.findings)} names" if len(found.findings) > 1 else "its name"
+        limits.append(f"{of} could be another as well")
+    if ratio > LEFT_OUT:
+        limits.append(f"what is left is up to {ratio:.0f} times sensor noise ({name})")
+    if not limits:
+        return tone, headline
+    return "warn", f"The model left physics out. It has been found, but {', and '.join(limits)}."
 
 
 def _differs(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
@@ -144,7 +164,7 @@ def _size(data: dict[str, Any]) -> str:
     what = "corner" if slow else plain(first["name"].split(".")[-1])
     value = number(first["value"], 3)
     if first["unit"] in ("", "1"):
-        return f" ({what} {value})"
+        return f" ({what} {as_share(first['name'], first['value']) or value})"
     beside = also((first["value"],), first["unit"])
     return f" ({what} {value} {unit_text(first['unit'])}{f', {beside}' if beside else ''})"
 

@@ -11,6 +11,33 @@ import numpy as np
 from hydro_ident.mismatch.answer.not_testable import NotTestable
 from hydro_ident.mismatch.answer.outcome import Diagnosis
 
+#: What numbers without a unit are shares of, by effect and parameter.
+_SHARES = {
+    "valve_deadband.width": "full opening",
+    "valve_underlap.width": "full opening",
+    "valve_null_bias.bias": "full opening",
+    "valve_hysteresis.half_width": "full opening",
+    "valve_hysteresis.travel": "full opening",
+    "valve_gain_nonlinearity.knee": "full opening",
+    "position_dependent_friction.begin": "the stroke",
+    "position_dependent_friction.end": "the stroke",
+    "pressure_sensor_gain.error": "the reading",
+    "entrained_air.fraction": "the volume",
+}
+
+
+def as_share(name: str, value: float) -> str:
+    """A number without a unit in per cent of what it is a share of; empty where it is of nothing.
+
+    Parameters
+    ----------
+    name : str
+        Effect and parameter, `valve_deadband.width`.
+    value : float
+    """
+    of = _SHARES.get(name)
+    return "" if of is None else f"{100.0 * value:.3g} % of {of}"
+
 
 def law_in_model(data: Mapping[str, Any]) -> str:
     """The law that stands in model.yaml for a finding, where it is not the one it is named after.

@@ -10,7 +10,7 @@ import numpy as np
 from hydro_ident.mismatch.answer.diagnosis_file import finding_dict
 from hydro_ident.mismatch.answer.outcome import Diagnosis, Finding
 from hydro_ident.parameters.parameters import COMMAND_DELAY, NORMAL_95, Parameter
-from hydro_ident.report.found_words import corners, law_in_model
+from hydro_ident.report.found_words import as_share, corners, law_in_model
 from hydro_ident.report.parameter_section import ParameterRow, beside_bound, identified_row
 from hydro_ident.report.verdict_words import plain
 from hydro_model.effects.catalogue import resolve
@@ -36,6 +36,8 @@ def finding_rows(found: Diagnosis, one: Finding, owner: Mapping[str, str]) -> li
         below = f"{plain(data['target'])}; {data['equation']}"
         law = law_in_model(data)
         used = not law or p["name"].startswith(f"{law}.")
+        share = as_share(p["name"], p["value"])
+        below = f"{share}; {below}" if share else below
         below += "" if used else f"; modelled as {plain(law)}"
         below += "" if std is not None else "; not fitted: at the value it was weighed with"
         name = plain(p["name"])

@@ -47,22 +47,30 @@ def error_line(channels: Sequence[ChannelRows]) -> list[str]:
         f"On rows that took no part, the error changes most in {best.name}: from {a} to {b}"
         f" {unit_text(best.unit)} ({told}sensor noise alone: {n})"
     )
-    return [line + (f"; least in {least.name}, to {percent(share)}." if len(known) > 1 else ".")]
+    if len(known) == 1:
+        return [f"{line}."]
+    told = "where it is unchanged" if percent(share) == percent(1.0) else f"to {percent(share)}"
+    return [f"{line}; least in {least.name}, {told}."]
 
 
-def noise_line(channels: Sequence[ChannelRows]) -> list[str]:
-    """How far above the sensors' noise the residuals are."""
+def most_left(channels: Sequence[ChannelRows]) -> tuple[str, float]:
+    """The channel that is furthest above its sensors' noise, and how many times; nothing, 0."""
     ratios = {
         c.name: c.value("rmse_after") / c.value("noise_floor")
         for c in channels
         if c.value("noise_floor") > 0.0
     }
-    if not ratios:
+    return max(ratios.items(), key=lambda one: one[1], default=("", 0.0))
+
+
+def noise_line(channels: Sequence[ChannelRows]) -> list[str]:
+    """How far above the sensors' noise the residuals are."""
+    name, ratio = most_left(channels)
+    if not name:
         return []
-    name = max(ratios, key=lambda k: ratios[k])
-    if ratios[name] <= NEAR_NOISE:
-        return [f"What is left is sensor noise: at most {ratios[name]:.1f} times it, in {name}."]
-    return [f"What is left is up to {ratios[name]:.0f} times sensor noise, most in {name}."]
+    if ratio <= NEAR_NOISE:
+        return [f"What is left is sensor noise: at most {ratio:.1f} times it, in {name}."]
+    return [f"What is left is up to {ratio:.0f} times sensor noise, most in {name}."]
 
 
 def free_run_line(run: FreeRun | None) -> list[str]:

@@ -1,0 +1,89 @@
+"""Words of reports that a reader stumbled over."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.mismatch.answer.outcome import EXPLAINED, Diagnosis
+from hydro_ident.report.channel_rows import ChannelRows, channel_rows
+from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
+from hydro_ident.report.found_words import as_share
+from hydro_ident.report.verdict_words import error_line
+from hydro_model.effects.catalogue import CATALOGUE
+from hydro_model.robot_files import load_robot
+
+NONE = np.zeros(0)
+
+
+def channel(name: str, before: float, after: float, noise: float = 1.0) -> ChannelRows:
+    summary = {"rmse_before": before, "rmse_after": after, "noise_floor": noise}
+    return channel_rows((name, "N"), (NONE,) * 4, (None, "", ""), summary)
+
+
+@pytest.mark.parametrize(
+    ("after", "told"),
+    [(100.0, "where it is unchanged."), (99.7, "where it is unchanged."), (98.0, "to 98 %.")],
+)
+def test_an_error_that_stays_is_unchanged(after: float, told: str) -> None:
+    [line] = error_line([channel("lift/force", 100.0, 10.0), channel("tilt/force", 100.0, after)])
+    assert line.endswith(f"; least in tilt/force, {told}")
+
+
+@pytest.fixture
+def strip(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The strip of findings of such probabilities, with so much left over the noise."""
+    told = {
+        "names": ["valve_deadband", "valve_null_bias"], "probability": [0.5, 0.5],
+        "separating_experiment": "staircase", "modelled_as": "valve_deadband", "target": "x",
+        "parameters": [{"name": "valve_deadband.width", "value": 0.01, "unit": "1", "std": 1e-3}],
+    }  # fmt: skip
+    monkeypatch.setattr("hydro_ident.report.diagnosis_verdict.finding_dict", lambda *_: told)
+
+    def shown(probabilities: tuple[float, ...], left: float) -> Any:
+        verification = SimpleNamespace(silent=False, by_base=lambda _name: False)
+        effect = SimpleNamespace(name="valve_deadband")
+        findings = tuple(
+            SimpleNamespace(
+                named=SimpleNamespace(
+                    probability=(p, 1.0 - p), p_value=1e-3, names=told["names"],
+                    term=SimpleNamespace(target="x", effect=effect),
+                ),
+                verification=verification, channels=("lift/force",),
+            )
+            for p in probabilities
+        )  # fmt: skip
+        found = Diagnosis(EXPLAINED, load_robot("xs031"), None, findings=findings)  # type: ignore[arg-type]
+        return diagnosis_verdict(found, [channel("lift/force", 100.0, left)])
+
+    return shown
+
+
+def test_the_headline_is_green_only_where_all_is_named_and_little_left(strip: Any) -> None:
+    sure = strip((0.99,), 1.5)
+    assert (sure.tone, "found and named" in sure.headline) == ("good", True)
+    vague = strip((0.99, 0.5), 1.5)
+    assert vague.tone == "warn"
+    assert vague.headline.endswith("has been found, but 1 of 2 names could be another as well.")
+    left = strip((0.99,), 8.0)
+    assert left.tone == "warn"
+    assert left.headline.endswith("but what is left is up to 8 times sensor noise (lift/force).")
+    both = strip((0.5,), 8.0)
+    assert "its name could be another as well, and what is left is up to 8" in both.headline
+    assert both.word == EXPLAINED
+
+
+def test_a_width_of_a_valve_is_told_as_a_share_of_its_opening(strip: Any) -> None:
+    [line] = dict(strip((0.99,), 1.5).cards)["What was left out"]
+    assert "valve deadband or valve null bias (width 1 % of full opening)" in line
+
+
+def test_every_share_is_a_number_of_the_catalogue_without_a_unit() -> None:
+    units = {f"{e.name}.{p.name}": p.unit for e in CATALOGUE.values() for p in e.parameters}
+    shares = {name for name in units if as_share(name, 0.01)}
+    assert "valve_deadband.width" in shares
+    assert {units[name] for name in shares} == {"1"}
+    assert as_share("coulomb_friction.force", 40.0) == ""
