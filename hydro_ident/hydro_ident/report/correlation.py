@@ -89,6 +89,23 @@ def cross_correlation(
 _Series = tuple[FloatArray, FloatArray]
 
 
+def why_none(values: FloatArray, what: str) -> str:
+    """Why a series has no correlation; empty where it has one.
+
+    Parameters
+    ----------
+    values : (N,) array
+    what : str
+        It is called.
+    """
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return f"{what} is not known"
+    if known.size < _FEWEST:
+        return f"{known.size} rows, fewer than the {_FEWEST} that a correlation takes"
+    return f"{what} never changes" if float(known.std()) <= 0.0 else ""
+
+
 def _grid(time_s: FloatArray, values: FloatArray) -> tuple[_Series, float, int] | None:
     """Values on even times, less their mean and over their deviation, with zeros in the gaps."""
     known = np.isfinite(values)

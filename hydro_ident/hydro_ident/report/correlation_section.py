@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hydro_ident.report.channel_rows import ChannelRows
-from hydro_ident.report.correlation import Correlogram, autocorrelation, cross_correlation
+from hydro_ident.report.correlation import (
+    Correlogram,
+    autocorrelation,
+    cross_correlation,
+    why_none,
+)
 from hydro_ident.report.figure import Figure, band, line
 from hydro_ident.report.page import Row, Section, paragraph, percent, table
 from hydro_ident.report.palette import BEFORE, joint_colour
@@ -27,14 +32,16 @@ def correlation_section(channels: Sequence[ChannelRows], joints: Sequence[str]) 
         before, after = one.residuals
         own = [autocorrelation(one.time_s, r) for r in (before, after)]
         cross = [cross_correlation(one.time_s, r, one.speed) for r in (before, after)]
-        name = f"{one.speed_name}"
+        name = one.speed_name
         pair = [
             _figure(f"{one.title}: with itself", "lag in s", own, colour),
             _figure(f"{one.title}: with {name}", f"lag behind the {name} in s", cross, colour),
         ]
         figures.append('<div class="pair">' + "".join(pair) + "</div>")
         shares = [_share(c) for c in (*own, *cross)]
-        rows.append(Row((one.name, *shares), below=one.remark, dot=colour, off=one.rejected))
+        why = why_none(after, "the residual") or why_none(one.speed, f"the {name}")
+        below = "; ".join(filter(None, (one.remark, why)))
+        rows.append(Row((one.name, *shares), below=below, dot=colour, off=one.rejected))
     if not rows:
         return Section("correlation", title, _LEAD, paragraph("No residual to correlate."))
     head = ("channel", "with itself: before", "after", "with the motion: before", "after")

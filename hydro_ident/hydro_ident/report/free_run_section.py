@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hydro_ident.report.figure import Axis, Figure, line, one_after_another
-from hydro_ident.report.page import Row, Section, also, bullets, number, paragraph, table
+from hydro_ident.report.page import Row, Section, also, bullets, counted, number, paragraph, table
 from hydro_ident.report.palette import BEFORE, INK, joint_colour
 from hydro_ident.rollouts.free_run import FreeRun, JointRollout
 
@@ -26,8 +26,8 @@ def free_run_section(run: FreeRun | None, joints: Sequence[str]) -> Section:
     body = bullets(run.rejected, "no")
     if run.joints:
         body += paragraph(
-            f"{run.windows} windows of {run.window_s:.2g} s that took no part in the fit;"
-            f" {run.whole_runs} whole runs.",
+            f"{counted(run.windows, 'window')} of {run.window_s:.2g} s that took no part in the"
+            f" fit; {counted(run.whole_runs, 'whole run')}.",
             "",
         )
         head = ("joint", "unit", "error before", "error after", "whole run before", "after")

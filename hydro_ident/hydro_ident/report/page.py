@@ -160,6 +160,11 @@ def paragraph(text: str, style: str = "none") -> str:
     return f'<p class="{style}">{_marked(text)}</p>'
 
 
+def counted(count: int, what: str) -> str:
+    """How many of what there are, `what` being one of them."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
 def percent(share: float, digits: int = 0, sign: str = "") -> str:
     """A share in per cent, with `digits` behind the point; `sign` "+" writes that, too.
 

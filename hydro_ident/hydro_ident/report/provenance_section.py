@@ -16,6 +16,8 @@ _HASHED = (
     ("validation", "checked on"),
     ("compared", "compared with"),
 )
+#: Where the command shown writes to: results say the same wherever they are, so not where.
+_AGAIN = "again"
 #: What the numbers rest on.
 _LIBRARIES = ("numpy", "scipy", "numba", "plotly")
 
@@ -48,7 +50,8 @@ def provenance_section(
     notes : sequence of str
     recordings : sequence of RecordingSummary
     """
-    rows = [("command", str(origin["command"])), ("version", f"hydro_ident {origin['version']}")]
+    command = f"ros2 run hydro_ident {origin['command']} --out {_AGAIN}"
+    rows = [("command", command), ("version", f"hydro_ident {origin['version']}")]
     libraries = ", ".join(f"{name} {metadata.version(name)}" for name in _LIBRARIES)
     rows += [("libraries", libraries), ("robot", str(origin["robot"]))]
     for kind, what in _HASHED:
@@ -57,7 +60,10 @@ def provenance_section(
     body = table(("what", "value"), [*rows, *method], text=(1,))
     if notes:
         body += "<h3>Notes</h3>" + bullets(notes)
-    lead = "The same command on the same files gives the same numbers; result.json holds them all."
+    lead = (
+        "The same command, given in the same folder, on the same files gives the same numbers;"
+        " result.json holds them all, with the command but for the folder that results go to."
+    )
     return Section("provenance", "Where the numbers come from", lead, body)
 
 

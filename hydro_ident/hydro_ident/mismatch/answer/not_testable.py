@@ -67,9 +67,9 @@ def _too_small(name: str, own: Sequence[Score]) -> str:
     if smallest > _NEVER:
         return "nothing of it is left in this motion that a refit of the base does not swallow"
     if smallest > 1.0:
-        return (
-            f"in this motion it would have to be {smallest:.2g} times its usual size to stand out"
-        )
+        times = f"{smallest:.2g}"
+        size = "a little over its usual size" if times == "1" else f"{times} times its usual size"
+        return f"in this motion it would have to be {size} to stand out"
     return ""
 
 
