@@ -101,9 +101,9 @@ def _named(found: Diagnosis) -> bool:
 
 def _parameters(found: Diagnosis) -> Section:
     lead = (
-        "What was found, with its numbers, then the numbers of the model around it. Grey: these"
-        " recordings do not determine it or do not tell it from a bound, or it was held; the given"
-        " value stays unless the line below the name says otherwise."
+        "What was found, with its numbers, then the numbers of the model around it, all as"
+        " model.yaml has them. Grey: these recordings do not or hardly determine it or do not tell"
+        " it from a bound, or it was held; below its name stands which, and whose value that is."
     )
     owner, joints = owners(found.given), found.given.joint_names
     body = bullets(found.problems, "no")

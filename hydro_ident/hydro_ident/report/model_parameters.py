@@ -20,6 +20,9 @@ _EDGES = ("c_pa", "c_at", "c_bt", "c_pb")
 _HELD = "not fitted: as given"
 _AT_BOUND = "held at the end of what is possible, or by what was found: not estimated"
 _UNKNOWN = "these recordings do not determine it: the given value stays"
+_UNTOLD = "these recordings do not determine it: the value shown came with the others'"
+#: A value is the given one to this share: sums of the file's numbers round.
+_SAME = 1e-9
 
 
 def finding_rows(found: Diagnosis, one: Finding, owner: Mapping[str, str]) -> list[ParameterRow]:
@@ -116,6 +119,7 @@ def _base_rows(robot: Robot, given: Robot) -> list[Parameter]:
         std = 0.0 if covariance is None else float(np.sqrt(max(covariance[k, k], 0.0)))
         sheet = sum(f * standard.get(n, 0.0) for n, f in base.combination.items())
         known = std > 0.0
+        reason = _UNKNOWN if np.isclose(base.value, sheet, rtol=_SAME) else _UNTOLD
         rows.append(
             Parameter(
                 base.name,
@@ -125,7 +129,7 @@ def _base_rows(robot: Robot, given: Robot) -> list[Parameter]:
                 sheet,
                 known,
                 base.combination,
-                reason="" if known else _UNKNOWN,
+                reason="" if known else reason,
                 held=not known,
             )
         )

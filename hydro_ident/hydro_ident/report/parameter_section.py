@@ -34,11 +34,14 @@ _SIGNS = (
         " edge.",
     ),
 )
+#: Digits of what is known best.
+_DIGITS = 5
 #: Intervals wider than this share of the value are not drawn: they would squeeze the others.
 _DRAWN = 2.0
 #: Parameters that no machine has below zero, beside those of the catalogue's effects.
 _POSITIVE = ("mass", "viscous_friction", "bulk_modulus", "c_pa", "c_at", "c_bt", "c_pb")
-_WIDE = "hardly determined: its interval is wider than the value itself"
+_FOUND = "the value found is in the model"
+_WIDE = f"hardly determined: its interval is wider than the value itself; {_FOUND}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +163,7 @@ def beside_bound(row: ParameterRow, name: str, *, used: bool = True) -> Paramete
         return row
     unit = "" if row.unit in ("", "1") else f" {row.unit}"
     why = f"not told from its bound {number(least)}{unit}, which its interval reaches"
-    why += "; the value found is in the model" if used else ""
+    why += f"; {_FOUND}" if used else ""
     return replace(row, below=f"{row.below}; {why}" if row.below else why, off=True)
 
 
@@ -194,14 +197,35 @@ def parameter_table(
     for p in rows:
         interval = "–"
         if p.interval is not None:
-            interval = " … ".join(number(bound, 5) for bound in p.interval)
+            interval = " … ".join(as_known(bound, p.interval) for bound in p.interval)
         change = "–" if p.off or p.change is None else _change(p.change)
         unit, old = unit_text(p.unit), number(p.datasheet, 5)
-        texts = (p.name, number(p.value, 5), interval, unit, old, change)
+        texts = (p.name, as_known(p.value, p.interval), interval, unit, old, change)
         dot = joint_colour(joints, p.joint) if p.joint else ""
         below = "; ".join(filter(None, (_as_people_tell(p, given), p.below)))
         cells.append(Row(texts, below, dot, p.off))
     return table((*_HEAD, given, _LAST), cells, stacked=True) if cells else ""
+
+
+def as_known(value: float, interval: tuple[float, float] | None) -> str:
+    """A number with as many digits as its interval leaves it: two of the half width.
+
+    Parameters
+    ----------
+    value : float
+    interval : pair of float or None
+        Of 95 %; of what has none five digits are told.
+
+    Returns
+    -------
+    str
+        At least two digits, at most five.
+    """
+    half = 0.0 if interval is None else 0.5 * (interval[1] - interval[0])
+    if not (0.0 < half < np.inf) or value == 0.0:
+        return number(value, _DIGITS)
+    wanted = 2 + int(np.floor(np.log10(abs(value))) - np.floor(np.log10(half)))
+    return number(value, min(max(wanted, 2), _DIGITS))
 
 
 def _as_people_tell(p: ParameterRow, given: str) -> str:
