@@ -6,10 +6,12 @@ import importlib
 import json
 import re
 from collections.abc import Iterator
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from hydro_ident.report.palette import JOINTS
@@ -141,6 +143,49 @@ def test_a_joint_has_one_colour_as_in_the_reports(tmp_path: Path) -> None:
                 assert not colours & (of["lift"] | of["tilt"]), (view, name)
     chambers = {f"{c.name}/{side}" for c in robot.cylinders for side in "ab"}
     assert seen >= {*robot.joint_names, *robot.valve_names, *chambers}
+
+
+#: How eyes without red, green or blue cones see linear RGB (G. Machado, M. Oliveira and L.
+#: Fernandes, IEEE Transactions on Visualization and Computer Graphics 15(6), 2009; severity 1).
+EYES = np.array(
+    [
+        np.eye(3),
+        [[0.1523, 1.0526, -0.2049], [0.1145, 0.7863, 0.0992], [-0.0039, -0.0481, 1.0520]],
+        [[0.3673, 0.8606, -0.2280], [0.2801, 0.6725, 0.0474], [-0.0118, 0.0429, 0.9689]],
+        [[1.2555, -0.0767, -0.1788], [-0.0784, 0.9308, 0.1476], [0.0047, 0.6914, 0.3039]],
+    ]
+)
+TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+
+
+def seen(colour: str) -> np.ndarray:
+    """CIE L*a*b* of a colour as each kind of eye sees it, (4, 3)."""
+    rgb = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+    rgb = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    xyz = np.clip(EYES @ rgb, 0.0, 1.0) @ TO_XYZ.T / TO_XYZ.sum(axis=1)
+    f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16.0 / 116.0)
+    x, y, z = f.T
+    return np.stack([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)], axis=1)
+
+
+def apart(one: str, other: str) -> float:
+    """Least difference of two colours to any kind of eye."""
+    return float(np.linalg.norm(seen(one) - seen(other), axis=1).min())
+
+
+def test_rails_and_tip_have_colours_of_their_own_on_every_robot() -> None:
+    others = live_layouts.OTHERS
+    least = min(apart(a, b) for a, b in combinations(JOINTS, 2))
+    assert min(apart(a, b) for a in others for b in JOINTS) > least
+    assert min(apart(a, b) for a, b in combinations(others, 2)) > least
+    for name in sorted(shipped_robots()):
+        robot = load_robot(name)
+        signals = [s for view in live_layouts.views(robot) for s in view.signals]
+        rails = {s.name: s.colour for s in signals if s.name in ("supply", "tank")}
+        if robot.cylinders:
+            assert rails == {"supply": others[0], "tank": others[1]}
+        own = {s.name for s in signals if s.colour in others}
+        assert own <= {"supply", "tank", ""}  # oil and tip are no entries of a JointState
 
 
 def test_two_signals_of_a_plot_never_look_alike(tmp_path: Path) -> None:

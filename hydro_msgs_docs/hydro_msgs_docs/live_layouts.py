@@ -16,8 +16,9 @@ from hydro_msgs_docs import topics
 
 #: One for each joint, as in the reports: palette of Okabe and Ito, without its yellow.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-#: For what is no joint's where joints take all of these.
-GREYS = ("#7F7F7F", "#B0B0B0", "#595959")
+#: For what is no joint's, whatever the robot: supply, tank, and one more (the tip has three). To
+#: colour-blind eyes, too, they are further from those of joints than these are from one another.
+OTHERS = ("#8833EE", "#994433", "#595959")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,7 @@ class Signal:
     label: str
     name: str = ""
     index: int = 0
-    colour: str = GREYS[0]
+    colour: str = OTHERS[0]
 
     @property
     def plotjuggler(self) -> str:
@@ -124,8 +125,7 @@ def _colour(robot: Robot, name: str, place: int, pale: bool) -> str:
     """Of a joint's signal; of the others by their place in their plot."""
     k = _joint_of(robot).get(name)
     if k is None:
-        free = COLOURS[robot.dof :] or GREYS
-        return free[place % len(free)]
+        return OTHERS[place % len(OTHERS)]
     colour = COLOURS[k % len(COLOURS)]
     return _paler(colour) if pale else colour
 
@@ -173,7 +173,7 @@ def _bringup(robot: Robot) -> View:
     joints, valves = robot.joint_names, robot.valve_names
     dry = () if robot.cylinders else joints
     warm = Signal(
-        topics.OIL_TEMPERATURE, "temperature", "oil", colour=_colour(robot, "", 0, False)
+        topics.OIL_TEMPERATURE, "temperature", "oil", colour=_colour(robot, "", 2, False)
     )
     oil = (warm,) if robot.cylinders else ()
     return View(
