@@ -12,6 +12,7 @@ from hydro_ident.report.robot_drawing import POSES, drawings, plane_of
 from hydro_ident.report.robot_report import _drawn
 from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.multibody.joint_ranges import limits
+from hydro_model.multibody.kinematics import link_frames
 from hydro_model.robot_files import load_robot
 
 
@@ -32,6 +33,32 @@ def test_the_drawn_pins_are_as_far_apart_as_the_cylinder_is_long(name: str) -> N
             a, b = points(trace)
             length = cylinder.x0_m + float(stroke(cylinder, q[robot.joint_index(cylinder.joint)]))
             assert np.linalg.norm(b - a) == pytest.approx(length, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["xs031", "patu655"])
+def test_pins_have_names_and_lie_at_their_distances_from_the_axis(name: str) -> None:
+    robot = load_robot(name)
+    low, high = limits(robot).T
+    for figure, (_, share) in zip(drawings(robot), POSES, strict=False):
+        q = low + share * (high - low)
+        origins, _ = link_frames(robot, q)
+        for cylinder in robot.cylinders:
+            [trace] = [t for t in figure.traces if t["name"] == f"pins of {cylinder.name}"]
+            assert (trace["mode"], trace["text"]) == ("markers+text", ["1", "2"])
+            axis = np.stack(plane_of(robot).flat(origins[robot.joint_index(cylinder.joint)]))
+            first, second = np.linalg.norm(points(trace) - axis, axis=1)
+            assert (first, second) == pytest.approx((cylinder.l1_m, cylinder.l2_m), abs=1e-6)
+
+
+def test_the_legend_stands_once_in_short_names_and_strokes_in_the_note() -> None:
+    robot = load_robot("xs031")
+    first, *others = drawings(robot)[: len(POSES)]
+    listed = [t["name"] for t in first.traces if t["showlegend"]]
+    assert listed == [*robot.link_names, "joint axes", "tip", "lift_cylinder", "tilt_cylinder"]
+    assert not any(t["showlegend"] for figure in others for t in figure.traces)
+    for figure in (first, *others):
+        assert figure.note.count(" out by ") == 2
+        assert f"of {robot.cylinders[0].stroke_m:.3f} m" in figure.note
 
 
 def test_the_plane_is_seen_from_the_side_gravity_down() -> None:

@@ -17,10 +17,12 @@ from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.multibody.closed_chain import part_places
 from hydro_model.multibody.joint_ranges import limits
 from hydro_model.multibody.kinematics import link_frames, tip_position
-from hydro_model.robot import FloatArray, Robot
+from hydro_model.robot import Cylinder, FloatArray, Robot
 
 #: Poses that are drawn: places within the joints' ranges, all joints alike.
 POSES = (("lower limits", 0.0), ("middle of the ranges", 0.5), ("upper limits", 1.0))
+#: Names of a cylinder's pins: at `l1_m` of the joint's axis and at `l2_m`.
+PINS = ("1", "2")
 #: Of a point outside the plane, m.
 FLAT_M = 1e-3
 _CLOUD = 1500
@@ -98,19 +100,30 @@ def drawings(robot: Robot) -> tuple[Figure, ...]:
     """
     plane = plane_of(robot)
     low, high = limits(robot).T
-    figures = [_pose(robot, plane, low + share * (high - low), name) for name, share in POSES]
+    figures = [
+        _pose(robot, plane, low + share * (high - low), name, legend=k == 0)
+        for k, (name, share) in enumerate(POSES)
+    ]
     return (*figures, _reach(robot, plane))
 
 
-def _pose(robot: Robot, plane: Plane, q: FloatArray, name: str) -> Figure:
+def _pose(robot: Robot, plane: Plane, q: FloatArray, name: str, *, legend: bool) -> Figure:
+    """One legend is enough: on a narrow screen it takes as much room as a drawing."""
     values = ", ".join(
         f"{joint.name} {_place(value, prismatic=joint.prismatic)}"
         for joint, value in zip(robot.joints, q, strict=True)
     )
     traces = [*_links(robot, plane, q), *_cylinders(robot, plane, q)]
-    return Figure(
-        f"At the {name}: {values}", "across in m", ("up in m",), traces, _equal(), tall=1.9
-    )
+    for trace in traces:
+        trace["showlegend"] &= legend
+    title = f"At the {name}: {values}"
+    note = ", ".join(_stroke(cylinder, robot, q) for cylinder in robot.closed_chains)
+    return Figure(title, "across in m", ("up in m",), traces, _equal(), note, tall=1.9)
+
+
+def _stroke(cylinder: Cylinder, robot: Robot, q: FloatArray) -> str:
+    x = float(stroke(cylinder, q[robot.joint_index(cylinder.joint)]))
+    return f"{cylinder.name} out by {x:.3f} of {cylinder.stroke_m:.3f} m"
 
 
 def _place(value: float, *, prismatic: bool) -> str:
@@ -126,7 +139,7 @@ def _links(robot: Robot, plane: Plane, q: FloatArray) -> Iterator[dict[str, Any]
     origins, rotations = link_frames(robot, q)
     ends = np.vstack([origins[1:], origins[-1] + rotations[-1] @ robot.tip_offset_m])
     starts = np.vstack([np.zeros(3), origins])
-    yield _line("base", plane, starts[:2], INK, 3.0)
+    yield _line("base", plane, starts[:2], INK, 3.0, legend=False)
     for i, link in enumerate(robot.link_names):
         colour = joint_colour(robot.joint_names, robot.joint_names[i])
         yield _line(link, plane, np.stack([origins[i], ends[i]]), colour, 5.0)
@@ -148,12 +161,16 @@ def _cylinders(robot: Robot, plane: Plane, q: FloatArray) -> Iterator[dict[str, 
             ]
         )
         colour = joint_colour(robot.joint_names, cylinder.joint)
-        x = float(stroke(cylinder, q[at]))
-        label = f"{cylinder.name}, {x:.3f} of {cylinder.stroke_m:.3f} m"
         arms = np.stack([pins[0], origins[at], pins[1]])
-        yield _line(label, plane, pins, colour, 2.5, "dash")
-        yield _line("arms to the pins", plane, arms, BEFORE, 1.0, "dot", legend=k == 0)
-        yield _marks("pins", plane, pins, colour, "circle", 8, legend=k == 0)
+        yield _line(cylinder.name, plane, pins, colour, 2.5, "dash")
+        yield _line("arms to the pins", plane, arms, BEFORE, 1.0, "dot", legend=False)
+        named = {
+            "mode": "markers+text", "text": list(PINS), "textfont": {"color": INK, "size": 13},
+            # Apart where one cylinder's rod is pinned beside the next one's barrel.
+            "textposition": ["bottom left", "top right"],
+        }  # fmt: skip
+        title = f"pins of {cylinder.name}"
+        yield _marks(title, plane, pins, colour, "circle", 8, legend=False) | named
 
 
 def _reach(robot: Robot, plane: Plane) -> Figure:

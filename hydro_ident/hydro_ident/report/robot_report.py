@@ -16,9 +16,11 @@ from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, FloatArray, R
 from hydro_model.robot_files import datasheet_inertia
 
 _DRAWN = (
-    "Hold these beside the machine. A joint's colour is that of its link and cylinder; dotted"
-    " lines lead from the joint's axis to the two pins. A pin on the wrong side is a wrong sign of"
-    " `q0_rad` or `child_pin_angle_rad`."
+    "Hold these beside the machine. A joint's colour is that of its link (solid) and cylinder"
+    " (dashed), in all drawings as in the first one's legend; the base has the text's. Dotted"
+    " lines lead from the joint's axis to the cylinder's pins: 1, the barrel's, on the link"
+    " before, at `l1_m`; 2, the rod's, on the joint's own link, at `l2_m`. A pin on the wrong side"
+    " is a wrong sign of `q0_rad` or `child_pin_angle_rad`."
 )
 _RANGES = (
     "Over the joint's limits. Dashed: the ends of the stroke, and what supply and tank pressure"
