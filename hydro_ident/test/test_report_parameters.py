@@ -12,7 +12,7 @@ import pytest
 from hydro_ident.mismatch.answer.outcome import MATCHES, Diagnosis
 from hydro_ident.report.diagnosis_report import _parameters
 from hydro_ident.report.model_parameters import model_rows
-from hydro_ident.report.parameter_section import as_known
+from hydro_ident.report.parameter_section import ParameterRow, as_known, parameter_table
 from hydro_model.robot import BaseParameter
 from hydro_model.robot_files import load_robot
 
@@ -36,6 +36,16 @@ def test_digits_end_where_the_interval_begins(
     interval = value - half, value + half
     assert tuple(as_known(v, interval) for v in (value, *interval)) == said
     assert as_known(1234.567, None) == "1234.6"
+
+
+def test_what_people_tell_has_no_more_digits_than_is_known() -> None:
+    bulk = ParameterRow("bulk", 1.1798e9, (1.0728e9, 1.2868e9), "Pa", 1.2e9, "", False, "lift")
+    edge = ParameterRow(
+        "c_pa", 8.8864e-7, (8.83e-7, 8.943e-7), "m^3/(s sqrt(Pa))", 8.91e-7, "", False, "lift"
+    )
+    body = parameter_table([bulk, edge], ("lift",))
+    assert "<small>11800 bar (datasheet 12000)</small>" in body
+    assert "<small>99.7 l/min at 35 bar per edge (datasheet 100)</small>" in body
 
 
 def diagnosis(name: str, value: float, std: float) -> Diagnosis:

@@ -230,7 +230,9 @@ def as_known(value: float, interval: tuple[float, float] | None) -> str:
 
 def _as_people_tell(p: ParameterRow, given: str) -> str:
     """Value and what it is compared with, in another unit where people use one."""
-    told, unit = also((p.value,), p.unit), everyday(p.unit)
+    unit = everyday(p.unit)
+    value = p.value if p.interval is None else float(as_known(p.value, p.interval))
+    told = also((value,), p.unit)
     if unit is None or not p.datasheet:
         return told
     return f"{told} ({given} {rounded(unit[1] * p.datasheet)})"
