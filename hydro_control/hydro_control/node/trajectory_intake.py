@@ -94,12 +94,16 @@ class TrajectoryIntake:
             names = list(message.joint_names)
             self._core.requests.trajectory(space, names, points, start_ns, standing)
             self._refuse_inactive()
-            text, log = f"{space} trajectory with {len(points)} points accepted", self._logger.info
+            refused = ""
         except ControlError as error:
-            text, log = str(error), self._logger.error
+            refused = str(error)
         if self._checked is standing:
             self._checked = None  # what is written about it keeps nobody waiting
-        log(text)
+        # Each in a line of its own: rclpy lets none write once as an error and once as another.
+        if refused:
+            self._logger.error(refused)
+        else:
+            self._logger.info(f"{space} trajectory with {len(points)} points accepted")
 
     def _refuse_inactive(self) -> None:
         if not self._active():

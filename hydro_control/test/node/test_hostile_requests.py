@@ -20,6 +20,7 @@ rclpy = pytest.importorskip("rclpy")
 
 from builtin_interfaces.msg import Duration, Time  # noqa: E402
 from geometry_msgs.msg import Transform, Twist, Vector3  # noqa: E402
+from rclpy.logging import get_logger  # noqa: E402
 from trajectory_msgs.msg import (  # noqa: E402
     JointTrajectory,
     JointTrajectoryPoint,
@@ -42,11 +43,11 @@ LEAST, MOST = -(2**31), 2**31 - 1
 class Asked:
     """The node's own way from a message to its core, without a process around it."""
 
-    def __init__(self) -> None:
+    def __init__(self, log: Any = None) -> None:
         self.said: list[str] = []
         self.core = ControllerCore(ROBOT, Gains())
-        log = SimpleNamespace(error=self.said.append, info=self.said.append)
-        self.intake = TrajectoryIntake(self.core, lambda: True, log)
+        own = SimpleNamespace(error=self.said.append, info=self.said.append)
+        self.intake = TrajectoryIntake(self.core, lambda: True, log or own)
         self.answer(0)
 
     def __call__(self, message: Any) -> str:
@@ -223,3 +224,18 @@ def test_so_many_names_are_shown_as_fit_into_a_line() -> None:
     many = [f"{k}{'x' * 1000}\n" for k in range(1000)]
     assert names_in_short(many).endswith("xxx..., and 984 more")
     assert len(names_in_short(many)) < 1000
+
+
+def test_what_is_accepted_and_what_is_refused_is_all_written_down(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """By rclpy's logger, which takes what a line of ours writes for one severity alone."""
+    asked = Asked(get_logger("asked"))
+    far, near = joints(((2, 0), [9.0, -1.5])), joints(((2, 0), [0.7, -1.5]))
+    for message in (far, near, far):
+        asked.intake.take("joint", message)
+        assert asked.intake._check is not None
+        asked.intake._check.join()
+    written = capfd.readouterr().err
+    assert written.count("trajectory refused") == 2
+    assert written.count("joint trajectory with 1 points accepted") == 1
