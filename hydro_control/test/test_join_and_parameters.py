@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from importlib import resources
 from pathlib import Path
@@ -122,6 +122,58 @@ def test_cleared_and_bounded() -> None:
     assert join.newest() is not None
     join.clear()
     assert join.newest() is None
+
+
+@pytest.mark.parametrize("first", ["joints", "pressures"])
+def test_eight_messages_wait_for_their_partners(first: str) -> None:
+    """What came on one topic, for as long as the other may lag behind it."""
+    kinds = {"joints": joints, "pressures": pressures}
+    (other,) = set(kinds) - {first}
+    join = SampleJoin(ROBOT)
+    for stamp in range(9):
+        getattr(join, f"add_{first}")(kinds[first](stamp))
+    getattr(join, f"add_{other}")(kinds[other](0))
+    assert join.newest() is None
+    getattr(join, f"add_{other}")(kinds[other](1))
+    sample = join.newest()
+    assert sample is not None
+    assert sample.stamp_ns == 1
+
+
+@pytest.mark.parametrize("kept", [joints, pressures])
+def test_cleared_it_joins_nothing_of_before(kept: Callable[[int], StampedVector]) -> None:
+    """A sample half of which is from before a pause would be a state that never was."""
+    join = SampleJoin(ROBOT)
+    adds = {joints: join.add_joints, pressures: join.add_pressures}
+    adds.pop(kept)(kept(1))
+    join.clear()
+    ((make, add),) = adds.items()
+    add(make(1))
+    assert join.newest() is None
+
+
+def test_it_waits_for_the_joints_of_the_newest_pressures_alone() -> None:
+    join = SampleJoin(ROBOT)
+    assert join.waiting is False
+    for stamp in (10, 20):
+        join.add_joints(joints(stamp))
+        assert join.waiting is False
+        join.add_pressures(pressures(stamp))
+        assert join.waiting is False
+    join.add_pressures(pressures(30))
+    assert join.waiting is True
+    join.add_joints(joints(30))
+    assert join.waiting is False
+
+
+def test_pressures_that_are_right_again_are_not_complained_of() -> None:
+    join = SampleJoin(ROBOT)
+    join.add_pressures(pressures(1, ROBOT.pressure_names[1:]))
+    lacking = ", ".join(ROBOT.pressure_names[1:])
+    chambers = ", ".join(ROBOT.pressure_names[:4])
+    assert join.message == f"/chamber_pressures should carry {chambers}, found {lacking}"
+    join.add_pressures(pressures(2))
+    assert (join.malformed, join.message) == (1, "")
 
 
 def test_every_gain_is_a_parameter_with_its_default_inside_its_range() -> None:

@@ -354,6 +354,26 @@ def _claims() -> Iterator[Harmless]:
     )  # fmt: skip
 
 
+def _calibration_session() -> Iterator[Harmless]:
+    due = "if now - self._claimed_at {} CLAIM_PERIOD_S:"
+    yield Harmless(
+        "calibration_session", "Session.cycles", due.format(">"), due.format(">="),
+        "a clock's reading is not exactly at the limit but by chance, and may be either then",
+    )  # fmt: skip
+
+
+def _sample_join() -> Iterator[Harmless]:
+    of_one = "of_rails = tuple(None if rail is None else rail[{}] for rail in rails)"
+    yield Harmless(
+        "sample_join", "SampleJoin.add_pressures", of_one.format("0"), of_one.format(" -1"),
+        "one name was asked for: the first of its values is the last",
+    )  # fmt: skip
+    yield Harmless(
+        "sample_join", "SampleJoin.newest", "return None", "pass",
+        "a function that ends without a value gives None, too",
+    )  # fmt: skip
+
+
 def _applied() -> Iterator[Harmless]:
     named = "every caller names the word, and one that does not is as right"
     for where, arguments in (
@@ -395,6 +415,8 @@ HARMLESS: tuple[Harmless, ...] = (
     *_following_error(),
     *_doubtful(),
     *_claims(),
+    *_calibration_session(),
+    *_sample_join(),
     *_applied(),
     *_stamps(),
 )

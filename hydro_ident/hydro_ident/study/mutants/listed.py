@@ -123,7 +123,17 @@ TARGETS: tuple[Target, ...] = (
         "sample_clock", "hydro_hw_bridge.protocol.sample_clock", (f"{_TEST}/test_sample_clock.py",)
     ),
     Target("claims", "hydro_hw_bridge.bus.claims", (f"{_TEST}/test_claims.py",)),
+    Target(
+        "calibration_session",
+        "hydro_hw_bridge.commissioning.calibration_session",
+        (f"{_TEST}/test_calibration_watchdogs.py",),
+    ),
     Target("own_frames", "hydro_hw_bridge.bus.own_frames", (f"{_TEST}/test_valve_frames.py",)),
+    Target(
+        "sample_join",
+        "hydro_control.core.sample_join",
+        ("hydro_control/test/test_join_and_parameters.py",),
+    ),
     Target(
         "runaway",
         "hydro_control.monitoring.runaway",
