@@ -15,6 +15,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from numpy.lib.stride_tricks import sliding_window_view
 
 from hydro_control.core.core import ControllerCore, Sample
 from hydro_control.errors import ControlError
@@ -56,6 +57,8 @@ class Loop:
     q: list[FloatArray] = field(default_factory=list)
     voltage_v: list[FloatArray] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
+    #: True pressures of the chambers A and B of every cylinder, (2, n), Pa gauge.
+    chambers_pa: list[FloatArray] = field(default_factory=list)
 
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds / self.rig.cycle_s)):
@@ -72,7 +75,9 @@ class Loop:
         assert answer is not None
         self.core.applied(stamp_ns, answer.output.voltage_v)
         self.rig.actuate(answer.output.voltage_v.tolist())
-        self.q.append(self.rig.plant.q.copy())
+        plant = self.rig.plant
+        self.q.append(plant.q.copy())
+        self.chambers_pa.append(np.array([plant.pressures_a, plant.pressures_b]))
         self.voltage_v.append(answer.output.voltage_v)
         self.faults.append(answer.output.fault)
 
@@ -204,6 +209,38 @@ def test_whatever_jumps_the_limits_are_kept_or_the_arm_is_stopped(
     assert np.all(fastest < 1.4 * SPEEDS)
     assert found_m_s < 1.3 * tip_m_s
     assert np.ptp(np.array(driven.q), axis=0).max() > 0.1  # it moved
+
+
+def test_a_chamber_loaded_beyond_its_limit_is_not_fed_and_its_peak_is_the_pages(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What the valve gives is shut off there; what the load and the braking give is not.
+
+    Also where the pump has nearly as much as the limit: below, the load alone shuts the valve.
+    """
+    limit_pa, peaks = ROBOT.sensors.pressure_range_pa, {}
+    cases = (("round the stretched arm", 1.0), ("from end to end, loaded", 1.0))
+    for name, more in (*cases, ("from end to end", 1.3)):
+        start, aims, tip_m_s, payload_kg = RESTLESS[name]
+        supply = replace(TRUTH.supply, pressure_pa=more * TRUTH.supply.pressure_pa)
+        with monkeypatch.context() as patch:
+            core, truth = restless(patch, aims, tip_m_s), replace(TRUTH, supply=supply)
+            driven = loop(start, core=core, payload_kg=payload_kg, truth=truth)
+            driven.run(4.0)
+        assert not any(driven.faults)
+        chambers, volts = np.array(driven.chambers_pa), np.array(driven.voltage_v)
+        fed_beyond = (np.stack([volts, -volts], axis=1) > 1e-9) & (chambers >= limit_pa)
+        assert np.sum(chambers >= limit_pa) > 100
+        # Shut as fast as its voltage may go: from 10 V in five cycles.
+        assert not sliding_window_view(fed_beyond, 6, axis=0).all(axis=-1).any()
+        peaks[name] = 1e-5 * chambers.max()
+    page = Path(__file__).parents[2] / "hydro_msgs_docs/safety_case.md"
+    text = " ".join(page.read_text(encoding="utf-8").split())
+    there, worst = (peaks[name] for name, _ in cases)
+    assert (
+        f"a chamber reaches {there:.0f} bar (from end to end and loaded {worst:.0f} bar)" in text
+    )
+    assert f"although it is not fed above {1e-5 * limit_pa:.0f}" in text
 
 
 def test_a_payload_that_nobody_told_leaves_the_ends_kept(
