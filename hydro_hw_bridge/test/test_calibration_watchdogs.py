@@ -340,3 +340,18 @@ def test_repeats_count_from_0_where_cycles_are_asked_for_anew(
     else:
         with pytest.raises(CalibrationError, match="stands at 2 while it is driven"):
             next(cycles)
+
+
+@pytest.mark.parametrize("driven", [True, False])
+def test_a_device_that_starts_anew_while_it_is_driven_ends_it(
+    wire: Wire, session: Session, cycle: Frames, driven: bool
+) -> None:
+    cycles = driving(wire, session, cycle)
+    session.drive("lift_valve" if driven else None, 0.5)
+    wire.put(cycle(0))
+    wire.put(cycle(1))
+    if not driven:
+        assert next(cycles).counter == 1
+        return
+    with pytest.raises(CalibrationError, match=r"restarted while it was driven.* to 1 from 2$"):
+        next(cycles)

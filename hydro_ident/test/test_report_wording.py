@@ -16,7 +16,7 @@ from hydro_ident.mismatch.answer.not_testable import _too_small
 from hydro_ident.mismatch.answer.outcome import EXPLAINED, Diagnosis
 from hydro_ident.report.channel_rows import ChannelRows, channel_rows
 from hydro_ident.report.correlation_section import correlation_section
-from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
+from hydro_ident.report.diagnosis_verdict import _size, diagnosis_verdict
 from hydro_ident.report.found_words import as_share
 from hydro_ident.report.free_run_section import free_run_section
 from hydro_ident.report.provenance_section import provenance_section
@@ -88,6 +88,20 @@ def test_the_headline_is_green_only_where_all_is_named_and_little_left(strip: An
 def test_a_width_of_a_valve_is_told_as_a_share_of_its_opening(strip: Any) -> None:
     [line] = dict(strip((0.99,), 1.5).cards)["What was left out"]
     assert "valve deadband or valve null bias (width 1 % of full opening)" in line
+
+
+@pytest.mark.parametrize(
+    ("of_a", "of_b", "told"),
+    [(0.0, 2.1e-12, "b 2.1e-12"), (3e-12, 2.1e-12, "a 3e-12"), (1e-15, 1e-15, "a 1e-15")],
+)
+def test_the_number_that_is_told_from_0_is_the_one_in_the_strip(
+    of_a: float, of_b: float, told: str
+) -> None:
+    parameters = [
+        {"name": f"external_leakage.coefficient_{side}", "value": v, "unit": "", "std": 1e-13}
+        for side, v in (("a", of_a), ("b", of_b))
+    ]
+    assert _size({"parameters": parameters}) == f" (coefficient {told})"
 
 
 def test_every_share_is_a_number_of_the_catalogue_without_a_unit() -> None:

@@ -157,13 +157,16 @@ def _parser() -> argparse.ArgumentParser:
 def _deliver(node: Any, publisher: Any, message: Any, timeout_s: float) -> None:
     from rclpy.duration import Duration
 
-    end = time.monotonic() + timeout_s
-    while not _is_heard(node, publisher):
+    end, heard = time.monotonic() + timeout_s, False
+    while not heard:
+        heard = _is_heard(node, publisher)
+        # Also of a process that had been stopped: what it was to send is out of date by now.
         if time.monotonic() > end:
             raise SendError(
                 f"no controller listens on {publisher.topic_name} within {timeout_s:g} s"
             )
-        time.sleep(0.02)
+        if not heard:
+            time.sleep(0.02)
     publisher.publish(message)
     if not publisher.wait_for_all_acked(Duration(seconds=timeout_s)):
         raise SendError(f"the controller did not take the message on {publisher.topic_name}")

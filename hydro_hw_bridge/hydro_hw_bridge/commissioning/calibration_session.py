@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from hydro_hw_bridge.bus.bus import Bus
 from hydro_hw_bridge.bus.claims import CLAIM_PERIOD_S, Claim
 from hydro_hw_bridge.errors import BridgeError, CalibrationError
-from hydro_hw_bridge.protocol.assembler import Assembler, CycleKind
+from hydro_hw_bridge.protocol.assembler import Assembler, Cycle, CycleKind
 from hydro_hw_bridge.protocol.codec import Codec
 from hydro_hw_bridge.protocol.frames import Frame, Readings
 
@@ -66,7 +66,8 @@ class Session:
         Raises
         ------
         CalibrationError
-            Nothing comes from the device, or the same cycle again and again while it is driven.
+            Nothing comes from the device; or the same cycle again and again, or a device that
+            counts anew, while it is driven.
         BridgeError
             A bridge appeared on the bus, or the bus went away.
         """
@@ -92,6 +93,7 @@ class Session:
             cycle = self._assembler.add(frame)
             if cycle is None:
                 continue
+            self._refuse_restarted(cycle)
             heard, self._counter = now, cycle.counter
             if cycle.kind is not CycleKind.REPEAT:
                 repeats = 0
@@ -100,6 +102,14 @@ class Session:
                 repeats += 1
                 self._refuse_more(repeats)
             self._answer()
+
+    def _refuse_restarted(self, cycle: Cycle) -> None:
+        """Of a pulse nobody knows how much a device that starts anew has given."""
+        if cycle.kind is CycleKind.RESTART and self._enable:
+            raise CalibrationError(
+                "the device restarted while it was driven: its sample counter went back to"
+                f" {cycle.counter} from {self._counter}"
+            )
 
     def _refuse_more(self, repeats: int) -> None:
         if repeats > MAX_REPEATS:

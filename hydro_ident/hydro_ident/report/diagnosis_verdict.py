@@ -155,12 +155,13 @@ def _causes(found: Diagnosis) -> list[str]:
 
 
 def _size(data: dict[str, Any]) -> str:
-    """The first number of a law, which says how much of it there is."""
+    """The first number of a law that is told from 0, which says how much of it there is."""
     if not data["parameters"]:
         return ""
+    told = [p for p in data["parameters"] if abs(p["value"]) > (p["std"] or 0.0)]
     # Of a lag that is damped beyond 1 it is where its slower pole is.
     slow = corners(data)
-    first = (slow or data["parameters"])[0]
+    first = (slow or told or data["parameters"])[0]
     what = "corner" if slow else plain(first["name"].split(".")[-1])
     value = number(first["value"], 3)
     if first["unit"] in ("", "1"):
