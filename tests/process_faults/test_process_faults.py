@@ -32,6 +32,7 @@ SLOW_CYCLES = 500
 RIG_CYCLES = 300
 
 
+@pytest.mark.thorough
 def test_a_path_that_was_not_sent_yet_is_never_played(chain: Any) -> None:
     """`send_path` waits for a controller; one dies and one stands still before there is one."""
     ros = chain.ros
@@ -63,6 +64,7 @@ def test_a_controller_that_is_killed_is_answered_by_the_gate_until_that_is_clear
     chain.clear_and_drive()
 
 
+@pytest.mark.thorough
 def test_processes_beside_the_valves_way_are_killed_or_stopped_and_it_is_driven_on(
     chain: Any,
 ) -> None:
@@ -93,6 +95,7 @@ def test_a_controller_that_is_stopped_does_not_drive_as_it_goes_on(chain: Any) -
     chain.clear_and_drive()
 
 
+@pytest.mark.thorough
 def test_a_rig_that_is_gone_is_told_and_a_new_one_is_not_driven_unasked(chain: Any) -> None:
     """In lockstep the machine's time stands still with it: nothing is driven on meanwhile."""
     ros = chain.ros
@@ -150,6 +153,7 @@ def recorded_commands(path: Path) -> Path:
     return path
 
 
+@pytest.mark.thorough
 def test_a_recording_that_is_played_into_a_waiting_gate_drives_nothing(chain: Any) -> None:
     """Whatever becomes of `player` meanwhile."""
     if chain.active:
