@@ -36,6 +36,12 @@ def test_an_even_vector_without_a_name_is_offered_as_the_time_it_may_be(
     assert found["t"].entry["keep"] == "common"
 
 
+def test_a_time_that_ends_where_it_began_says_nothing_of_another(tmp_path: Path) -> None:
+    """Its last sample is padded with 0: there is no length to compare with."""
+    found = guesses(tmp_path, t=np.append(FAST[:-1], 0.0), tp=SLOW)
+    assert found["tp"].section != "clocks"
+
+
 @pytest.mark.parametrize(
     "ramp",
     [

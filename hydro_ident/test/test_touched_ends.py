@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import recording_of
 from hydro_ident.commands.inspect import main
 from hydro_ident.identify.recording_summary import RecordingSummary
-from hydro_ident.inspecting.health import Finding, find_irregularities
+from hydro_ident.inspecting.health import Finding, _part, find_irregularities
 from hydro_ident.report.recording_sections import health_section
 from hydro_ident.report.verdict_words import health_line
 
@@ -52,6 +54,15 @@ def test_the_least_share_that_counts_is_never_rounded_to_nothing(ended_bag, robo
     recording = recording_of(read_bag(ended_bag(VALVES, 0, 10.0, N // 1000)), robot)
     [found] = find_irregularities(recording)
     assert (found.text, found.harmless) == ("0.1% of the time at 10 V", False)
+
+
+@pytest.mark.parametrize(("count", "harmless"), [(49, True), (50, False), (2950, False)])
+def test_a_tenth_of_a_second_is_worth_a_look_however_long_the_recording(
+    count: int, harmless: bool
+) -> None:
+    look = SimpleNamespace(cycles=3_000_000)
+    found = _part(look, ("lift_valve", "saturated"), count, "at 10 V", 0.002)  # type: ignore[arg-type]
+    assert (found.text, found.harmless) == (f"{count} of 3000000 samples at 10 V", harmless)
 
 
 def test_inspect_calls_a_bag_healthy_that_touched_an_end(ended_bag, capsys) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from hydro_hw_bridge.bus.bus import Bus
 from hydro_hw_bridge.bus.claims import CLAIM_PERIOD_S, Claim
 from hydro_hw_bridge.errors import BridgeError, CalibrationError
-from hydro_hw_bridge.protocol.assembler import Assembler, Cycle, CycleKind
+from hydro_hw_bridge.protocol.assembler import Assembler, CycleKind
 from hydro_hw_bridge.protocol.codec import Codec
 from hydro_hw_bridge.protocol.frames import Frame, Readings
 
@@ -90,10 +90,12 @@ class Session:
                 self._hear(frame)
             if frame.role not in ("sync", "cycle"):
                 continue
+            restarts = self._assembler.counters.restarts
             cycle = self._assembler.add(frame)
+            if self._enable and self._assembler.counters.restarts != restarts:
+                self._refuse_restarted()
             if cycle is None:
                 continue
-            self._refuse_restarted(cycle)
             heard, self._counter = now, cycle.counter
             if cycle.kind is not CycleKind.REPEAT:
                 repeats = 0
@@ -103,13 +105,12 @@ class Session:
                 self._refuse_more(repeats)
             self._answer()
 
-    def _refuse_restarted(self, cycle: Cycle) -> None:
+    def _refuse_restarted(self) -> None:
         """Of a pulse nobody knows how much a device that starts anew has given."""
-        if cycle.kind is CycleKind.RESTART and self._enable:
-            raise CalibrationError(
-                "the device restarted while it was driven: its sample counter went back to"
-                f" {cycle.counter} from {self._counter}"
-            )
+        raise CalibrationError(
+            "the device restarted while it was driven: its sample counter went back to"
+            f" {self._assembler.counter} from {self._counter}"
+        )
 
     def _refuse_more(self, repeats: int) -> None:
         if repeats > MAX_REPEATS:

@@ -11,12 +11,14 @@ from hydro_hw_bridge.core.supervision import FOREIGN, Supervision
 from hydro_hw_bridge.core.valve_frames import ValveFrames
 from hydro_hw_bridge.gate.gate import Gate, GateState, Outcome
 from hydro_hw_bridge.gate.gate_limits import GateLimits
-from hydro_hw_bridge.protocol.assembler import Assembler, Cycle, CycleKind
+from hydro_hw_bridge.protocol.assembler import WARY_CYCLES, Assembler, Cycle, CycleKind
 from hydro_hw_bridge.protocol.bridge_step import NOTHING, Sample, Step
 from hydro_hw_bridge.protocol.codec import Codec
 from hydro_hw_bridge.protocol.frames import Frame
 from hydro_hw_bridge.protocol.sample_clock import SampleClock
 
+#: In lockstep a cycle that is held is told again after a second: few are.
+_WARY_IN_LOCKSTEP = 5
 #: Cycles that are still answered with 0 V after deactivation: any one frame may be lost.
 CLOSING_CYCLES = 5
 
@@ -74,7 +76,8 @@ class BridgeCore:
         self.lockstep = lockstep
         self.gate = Gate(limits)
         self.clock = SampleClock(round(limits.period_s * 1e9), whole_seconds=lockstep)
-        self.assembler = Assembler(codec.cycle_frames, codec.sample_counter)
+        wary = _WARY_IN_LOCKSTEP if lockstep else WARY_CYCLES
+        self.assembler = Assembler(codec.cycle_frames, codec.sample_counter, wary)
         self._supervision = Supervision(codec, self.gate, lockstep=lockstep)
         self._intake = CommandIntake(self.gate, self.clock)
         self._valves = ValveFrames(codec, self.gate, send)
@@ -166,6 +169,10 @@ class BridgeCore:
             before = None
         if before is None:
             self.clock.start(counter, now_ns)
+        held = NOTHING
+        if cycle is not None and cycle.counter != counter:
+            # It was held until this sync frame, and is over before what that says is looked at.
+            held, cycle = self._cycle(cycle), None
         was = self.gate.state
         if counter != before:
             self._begun = self.clock.extend(counter)
@@ -176,7 +183,8 @@ class BridgeCore:
             self._supervision.sync(frame, counter, active=self.active)
         if cycle is not None:
             return self._cycle(cycle)
-        return self._after(was)
+        after = self._after(was)
+        return after if held is NOTHING else held.and_then(after)
 
     def _restart(self) -> None:
         self._supervision.restarted()

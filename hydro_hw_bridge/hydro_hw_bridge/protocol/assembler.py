@@ -14,7 +14,7 @@ _FURTHEST = 1 << 26
 #: One sync frame further ahead than this (2 s at 500 Hz) may be noise that passes its check.
 _SURE = 1 << 10
 #: For so many cycles (1 s at 500 Hz) frames of somebody else are looked out for.
-_WARY = 500
+WARY_CYCLES = 500
 _ALIVE = 15
 
 
@@ -94,6 +94,8 @@ class Assembler:
         Names of the frames of a cycle, sync first.
     sample_counter : callable
         Takes the sync frame.
+    wary : int
+        For how many cycles whole ones are held after a frame too many.
 
     Attributes
     ----------
@@ -102,7 +104,12 @@ class Assembler:
         Of the present cycle, complete or not.
     """
 
-    def __init__(self, frames: Sequence[str], sample_counter: Callable[[Frame], int]) -> None:
+    def __init__(
+        self,
+        frames: Sequence[str],
+        sample_counter: Callable[[Frame], int],
+        wary: int = WARY_CYCLES,
+    ) -> None:
         self.counters = CycleCounters()
         self.counter: int | None = None
         self._size = len(frames)
@@ -111,7 +118,10 @@ class Assembler:
         self._data: dict[str, bytes] = {}
         self._seen: set[str] = set()
         self._spoilt: set[str] = set()
+        self._longest = wary
         self._wary = 0
+        self._idle = False
+        self._spoilt_sync = False
         # Before the first cycle there is none to be missed.
         self._emitted = True
         self._open = False
@@ -147,16 +157,20 @@ class Assembler:
     def _heard_spoilt(self, frame: Frame) -> None:
         """One beside another that is not spoilt is not the device's; a sync frame counts alone.
 
-        Of a cycle that is whole there is nothing more to be told: it may be the next one's, whose
-        sync frame was spoilt as well.
+        Behind a whole cycle it may be the next one's, whose sync frame was spoilt or lost as well:
+        that sync frame tells, by coming.
         """
-        if frame.role != "sync" and not self._is_whole():
+        if frame.role == "sync":
+            self._spoilt_sync = True
+        elif self._is_whole():
+            self._idle = True
+        else:
             self._spoilt.add(frame.name)
             self._beside_spoilt(frame)
 
     def _beside_spoilt(self, frame: Frame) -> None:
         if frame.name in self._seen and frame.name in self._spoilt:
-            self._wary = _WARY
+            self._wary = self._longest
 
     def _take(self, frame: Frame) -> None:
         self._seen.add(frame.name)
@@ -182,7 +196,7 @@ class Assembler:
     def _contradict(self) -> None:
         """Nobody knows which of two frames is the device's: nothing more of this try is taken."""
         self.counters.contradicted += 1
-        self._open, self._wary = False, _WARY
+        self._open, self._wary = False, self._longest
         if not self._emitted:
             self._data, self._seen = {}, set()
 
@@ -215,6 +229,8 @@ class Assembler:
             self._begin(counter, CycleKind.RESTART)
         elif ahead or self.counter is None:
             self.counters.lost += max(ahead - 1, 0)
+            if ahead == 1 and self._idle and not self._spoilt_sync:
+                self._wary = self._longest
             self._begin(counter, CycleKind.NEW)
         else:
             # Begun, and begun again before it was whole; a sync frame that came twice is no try.
@@ -248,4 +264,5 @@ class Assembler:
         self._wary = max(self._wary - 1, 0)
         self.counter, self._kind = counter, kind
         self._data, self._seen, self._spoilt = {}, set(), set()
+        self._idle = self._spoilt_sync = False
         self._emitted, self._open, self._first_try = False, True, True

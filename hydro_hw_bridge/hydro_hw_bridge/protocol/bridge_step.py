@@ -57,6 +57,20 @@ class Step:
     valve_states: tuple[ValveState, ...] = ()
     answer: can.Message | None = None
 
+    def and_then(self, later: Step) -> Step:
+        """Both, one after the other.
+
+        Parameters
+        ----------
+        later : Step
+            Of the same frame.
+        """
+        return Step(
+            later.sample or self.sample,
+            (*self.valve_states, *later.valve_states),
+            later.answer or self.answer,
+        )
+
 
 NOTHING = Step()
 

@@ -115,6 +115,42 @@ def test_noise_before_the_first_cycle_is_no_part_of_it(
     assert [c.counter for c in hear(frames(7))] == [7]
 
 
+@pytest.mark.parametrize("sync", ["there", "lost", "spoilt"])
+def test_noise_between_two_cycles_tells_of_others_where_the_next_sync_frame_comes(
+    assembler: Assembler, hear: Hear, frames: Frames, sync: str
+) -> None:
+    """Else it may be the next cycle's own frame."""
+    hear(frames(5))
+    following = frames(6)
+    before = {"there": [], "lost": [], "spoilt": [_spoilt(following[0])]}[sync]
+    assert hear([*before, _spoilt(following[3])]) == []
+    nexts = following if sync == "there" else frames(7)
+    assert [c.counter for c in hear(nexts)] == ([] if sync == "there" else [7])
+    assert len(hear(frames(8))) == 1
+    assert assembler.counters.held == (sync == "there")
+
+
+def test_a_repeat_behind_a_spoilt_sync_frame_tells_of_nobody(
+    assembler: Assembler, hear: Hear, frames: Frames
+) -> None:
+    hear(frames(5))
+    assert hear([_spoilt(frame) for frame in frames(6)]) == []
+    assert [c.counter for c in hear(frames(6))] == [6]
+    assert [c.counter for c in hear(frames(7))] == [7]
+    assert assembler.counters.held == 0
+
+
+def test_for_how_many_cycles_whole_ones_are_held_is_given(codec: Codec, frames: Frames) -> None:
+    few = Assembler(codec.cycle_frames, codec.sample_counter, 3)
+    part = frames(1)
+    heard = [few.add(frame) for frame in [*part[:4], _spoilt(part[3]), part[4]]]
+    assert heard == [None] * 6
+    counts = []
+    for counter in range(2, 8):
+        counts.append([c.counter for f in frames(counter) if (c := few.add(f)) is not None])
+    assert counts == [[1], [2], [3, 4], [5], [6], [7]]
+
+
 def test_a_device_that_repeats_what_was_spoilt_is_nobody_else(
     assembler: Assembler, hear: Hear, frames: Frames
 ) -> None:

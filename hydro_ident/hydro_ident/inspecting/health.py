@@ -21,6 +21,8 @@ _LIMIT_MARGIN = 1e-3
 #: of transducers, which the filters spread over too few rows to move a fit. It is told all the
 #: same: a controller that clips, or a range that is too small, begins so.
 _TOUCHED = 1e-3
+#: Longer than this, all together, it is worth a look in however long a recording.
+_BRIEF_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +94,7 @@ def irregularities(
         *_latched(look, period_s),
         *_joints(look, period_s),
         *_pressures(look, period_s, dead),
-        *_valves(look),
+        *_valves(look, period_s),
     ]
 
 
@@ -162,37 +164,44 @@ def _pressures(look: SignalLook, period_s: float, dead: Mapping[str, float]) -> 
             full, void = int(look.full[kind][i]), int(look.void[kind][i])
             yield from _not_finite(name, count - int(look.spans[kind].finite[i]))
         yield from _stuck(look, name, stretch, period_s)
-        yield from _ends(look, name, full, void, low_pa)
+        yield from _ends(look, name, (full, void, low_pa), period_s)
 
 
-def _ends(look: SignalLook, name: str, full: int, void: int, low_pa: float) -> Iterator[Finding]:
-    """Of a pressure that is at the end of its range, or below vacuum, in so many samples."""
+def _ends(
+    look: SignalLook, name: str, seen: tuple[int, int, float], period_s: float
+) -> Iterator[Finding]:
+    """Of a pressure: samples at the end of its range, those below vacuum, the lowest in Pa."""
+    full, void, low_pa = seen
     if full:
         full_bar = look.robot.sensors.pressure_range_pa / 1e5
-        yield _part(look, name, "saturated", full, f"at the end of its range ({full_bar:.0f} bar)")
+        where = f"at the end of its range ({full_bar:.0f} bar)"
+        yield _part(look, (name, "saturated"), full, where, period_s)
     if void:
         low_bar = (low_pa + look.robot.atmospheric_pressure_pa) / 1e5
         where = (
             f"below vacuum (down to {low_bar:.2f} bar absolute):"
             " gauge recorded as absolute, or a zero that is off"
         )
-        yield _part(look, name, "range", void, where)
+        yield _part(look, (name, "range"), void, where, period_s)
 
 
-def _valves(look: SignalLook) -> Iterator[Finding]:
+def _valves(look: SignalLook, period_s: float) -> Iterator[Finding]:
     if "valve_v" in look.spans:
         for valve, full in zip(look.robot.valves, look.full["valve_v"], strict=True):
             if full:
                 where = f"at {valve.rated_voltage_v:g} V"
-                yield _part(look, valve.name, "saturated", int(full), where)
+                yield _part(look, (valve.name, "saturated"), int(full), where, period_s)
 
 
-def _part(look: SignalLook, name: str, kind: str, count: int, where: str) -> Finding:
-    """Of a signal that is somewhere in `count` of all samples: a share, or how many."""
+def _part(
+    look: SignalLook, what: tuple[str, str], count: int, where: str, period_s: float
+) -> Finding:
+    """Of a signal, and a kind, that is somewhere in `count` samples: a share, or how many."""
     share = count / look.cycles
     if share >= _TOUCHED:
-        return Finding(name, kind, f"{share:.1%} of the time {where}")
-    return Finding(name, kind, f"{count} of {look.cycles} samples {where}", harmless=True)
+        return Finding(*what, f"{share:.1%} of the time {where}")
+    text = f"{count} of {look.cycles} samples {where}"
+    return Finding(*what, text, harmless=count * period_s < _BRIEF_S)
 
 
 def _not_finite(name: str, count: int) -> list[Finding]:

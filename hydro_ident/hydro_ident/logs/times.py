@@ -91,8 +91,9 @@ def _even_run(values: FloatArray, main_s: FloatArray, main_unit: str) -> bool:
     unit = unit_beside(values, "", main_s, main_unit)
     span = float(values[-1] - values[0]) * UNITS["time"].get(unit, 0.0)
     known = main_s[np.isfinite(main_s)]
-    share = span / float(known[-1] - known[0]) if len(known) > 1 else 0.0
-    return _SAME_RUN[0] <= share <= _SAME_RUN[1]
+    whole = float(known[-1] - known[0]) if len(known) > 1 else 0.0
+    # A padded end of the log's time leaves it no length.
+    return whole > 0.0 and _SAME_RUN[0] <= span / whole <= _SAME_RUN[1]
 
 
 def _wrong_share(values: FloatArray) -> float:

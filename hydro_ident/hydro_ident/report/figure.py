@@ -79,13 +79,7 @@ class Axis:
 
 def unit_text(unit: str) -> str:
     """A unit as people write it."""
-    for typed, read in (
-        ("^2", "²"),
-        ("^3", "³"),
-        ("sqrt(Pa)", "√Pa"),
-        ("degC", "°C"),
-        ("deg", "°"),
-    ):
+    for typed, read in _SIGNS:
         unit = unit.replace(typed, read)
     return "–" if unit in ("", "1", "-") else unit
 

@@ -242,9 +242,12 @@ def _assembler() -> Iterator[Harmless]:
         ("_data: dict[str, bytes]", "{}", ("pass",)),
         ("_first_try", "True", ("pass", "False")),
         ("_leapt: int | None", "None", ("pass",)),
-        ("_wary", "0", ("-1", "1")),
+        ("_idle", "False", ("pass", "True")),
+        ("_spoilt_sync", "False", ("True",)),
     ):
         yield from _begins("assembler", init, name, values, why, first)
+    why = "the first cycle takes one from it and leaves none below 0: it begins with 0"
+    yield from _begins("assembler", init, "_wary", ("-1", "1"), why)
     rest = " if self.counter is None else (counter - self.counter) % _WRAP"
     afters = (f"ahead = -1{rest}", f"ahead = 1{rest}")
     why = "the first sync frame begins a cycle, and nothing that is at most 1 ahead was lost"

@@ -206,6 +206,22 @@ def test_a_process_that_is_forked_while_a_line_is_written_neither_waits_nor_writ
     assert "child" not in done.stderr
 
 
+def test_without_a_thread_more_the_work_is_done_and_drawn_as_it_says_something(
+    screen: Screen, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(_thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    clock = [100.0]
+    monkeypatch.setattr(terminal, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    monkeypatch.setattr(threading.Thread, "start", refused)
+    for what in ("fitting", "rolling out"):
+        with terminal.progress_bar():
+            clock[0] += 71.0
+            terminal.advance(what, 1, 3)
+        assert what in screen.getvalue()
+
+
 def test_a_failure_clears_the_bar(screen: Screen) -> None:
     def fails() -> None:
         with terminal.progress_bar():

@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TextIO
 
 _CODES = {"red": "31", "green": "32", "yellow": "33", "bold": "1", "dim": "2"}
@@ -154,7 +154,10 @@ def _keep_drawing(bar: _Bar | _Lines, ended: threading.Event) -> None:
                 continue
             try:
                 bar.draw(*_said)
-            except OSError:  # nobody reads it any more, which `advance` is told as well
+            except (
+                OSError,
+                ValueError,
+            ):  # nobody reads it any more, which `advance` is told as well
                 return
 
 
@@ -186,16 +189,20 @@ def progress_bar() -> Iterator[None]:
         yield
         return
     bar = _Bar(sys.stderr) if is_terminal(sys.stderr) else _Lines(sys.stderr)
-    _bar, _said, ended = bar, None, threading.Event()
+    ended = threading.Event()
     thread = threading.Thread(target=_keep_drawing, args=(bar, ended), name="bar", daemon=True)
-    thread.start()
     try:
+        _bar, _said = bar, None
+        # Without a thread more it is drawn where the work says something, alone.
+        with suppress(RuntimeError):
+            thread.start()
         yield
     finally:
         if _bar is bar:  # not where a fork of it ends
-            ended.set()
-            thread.join()
             _bar = None
+            ended.set()
+            if thread.is_alive():
+                thread.join()
             bar.clear()
 
 
