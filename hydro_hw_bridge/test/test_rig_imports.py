@@ -7,7 +7,8 @@ import hydro_hw_bridge.rig as rig
 
 FOLDER = Path(rig.__file__).parent
 #: The robot description with its reader, and what every command shares.
-ALLOWED = {"errors", "robot", "robot_files", "description.fields", "command_line.command"}
+COMMANDS = {"command_line.command", "command_line.output"}
+ALLOWED = {"errors", "robot", "robot_files", "description.fields", *COMMANDS}
 
 
 def _imported(path: Path) -> set[str]:
