@@ -243,7 +243,7 @@ def _assembler() -> Iterator[Harmless]:
         ("_first_try", "True", ("pass", "False")),
         ("_leapt: int | None", "None", ("pass",)),
         ("_idle", "False", ("pass", "True")),
-        ("_spoilt_sync", "False", ("True",)),
+        ("_spoilt_sync", "False", ("pass", "True")),
     ):
         yield from _begins("assembler", init, name, values, why, first)
     why = "the first cycle takes one from it and leaves none below 0: it begins with 0"

@@ -7,6 +7,8 @@ from pathlib import Path
 
 _TEST = "hydro_hw_bridge/test"
 _CORE = ("bridge_core", "supervision", "command_intake", "valve_frames")
+#: Tests of one of these beside those of all.
+_MORE = {"bridge_core": ("held_cycles",)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +98,10 @@ TARGETS: tuple[Target, ...] = (
         Target(
             name,
             f"hydro_hw_bridge.core.{name}",
-            tuple(f"{_TEST}/test_{test}.py" for test in (*_CORE, "watchdogs", "period_watch")),
+            tuple(
+                f"{_TEST}/test_{test}.py"
+                for test in (*_CORE, "watchdogs", "period_watch", *_MORE.get(name, ()))
+            ),
         )
         for name in _CORE
     ),
