@@ -1,46 +1,34 @@
-"""Changes that no test can or need notice, each with the reason."""
+"""Changes that no test can or need notice, each with the reason; here those of the bridge."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+from hydro_ident.study.mutants.arguments import (
+    DRIVING_FIRST,
+    HALF_A_WRAP,
+    LENGTHS,
+    NO_NEGATIVE,
+    UNREAD,
+    begins,
+    each,
+)
+from hydro_ident.study.mutants.harmless_control import OF_CONTROL
 from hydro_ident.study.mutants.listed import Harmless
-
-_UNREAD = "the first value is never read: {}"
-_NO_NEGATIVE = "counters begin at 0: any number below stands for none of them"
-_HALF_A_WRAP = "half a wrap ahead and half a wrap back are the same place of a wrap"
-_LENGTHS = "the lengths are equal by then: {}"
-_DRIVING_FIRST = "it is read while driving alone, and what begins to drive sets it"
-
-
-def _each(
-    target: str, where: str, before: str, afters: tuple[str, ...], why: str
-) -> Iterator[Harmless]:
-    for after in afters:
-        yield Harmless(target, where, before, after, why)
-
-
-def _begins(
-    target: str, where: str, name: str, values: tuple[str, ...], why: str, first: str = "0"
-) -> Iterator[Harmless]:
-    """An assignment in a constructor with other values; `pass`: without it."""
-    before = f"self.{name} = {first}"
-    afters = tuple("pass" if value == "pass" else f"self.{name} = {value}" for value in values)
-    yield from _each(target, where, before, afters, why)
 
 
 def _gate() -> Iterator[Harmless]:
     init = "Gate.__init__"
-    no_defect = _UNREAD.format("it belongs to a defect, and there is none yet")
-    yield from _begins("gate", init, "_defect_at", ("-1", "1"), no_defect)
-    yield from _begins("gate", init, "_first", ("-1",), _NO_NEGATIVE)
-    yield from _begins("gate", init, "_accepted", ("pass", "-1", "1"), _DRIVING_FIRST)
-    yield from _begins("gate", init, "_command", ("pass",), _DRIVING_FIRST, "self._zero")
+    no_defect = UNREAD.format("it belongs to a defect, and there is none yet")
+    yield from begins("gate", init, "_defect_at", ("-1", "1"), no_defect)
+    yield from begins("gate", init, "_first", ("-1",), NO_NEGATIVE)
+    yield from begins("gate", init, "_accepted", ("pass", "-1", "1"), DRIVING_FIRST)
+    yield from begins("gate", init, "_command", ("pass",), DRIVING_FIRST, "self._zero")
     end = " if self._newest is None else self._newest"
     yield Harmless(
-        "gate", "Gate.arm", f"self._first = 0{end}", f"self._first = -1{end}", _NO_NEGATIVE
+        "gate", "Gate.arm", f"self._first = 0{end}", f"self._first = -1{end}", NO_NEGATIVE
     )
-    yield from _begins("gate", "Gate.forget", "_first", ("-1",), _NO_NEGATIVE)
+    yield from begins("gate", "Gate.forget", "_first", ("-1",), NO_NEGATIVE)
     yield Harmless(
         "gate", "Gate.trip", "self._wait()", "pass",
         "while tripped the output is 0 V whatever was asked before, and clearing waits first",
@@ -49,7 +37,7 @@ def _gate() -> Iterator[Harmless]:
         "gate", "Gate._follow", "return Outcome.ACCEPTED", "pass",
         "after the stop at 0 V the rate is judged from 0 V to 0 V: accepted again, the same",
     )  # fmt: skip
-    judged = _LENGTHS.format("`_judge` has compared them")
+    judged = LENGTHS.format("`_judge` has compared them")
     for where, before in (
         ("Gate._follow", "self.limits.valve_names, values, self._command, strict="),
         ("Gate._judge", "at = dict(zip(names, voltages, strict="),
@@ -76,24 +64,24 @@ def _driven_cycles() -> Iterator[Harmless]:
     for other in ("-1", "1"):
         yield Harmless(
             "gate", "Gate._driven_cycles", f"return 0 {known}", f"return {other} {known}",
-            _UNREAD.format("it is asked while driving alone, and the newest cycle is known then"),
+            UNREAD.format("it is asked while driving alone, and the newest cycle is known then"),
         )  # fmt: skip
 
 
 def _output_ramp() -> Iterator[Harmless]:
     init = "OutputRamp.__init__"
     for after in ("pass", "self.begin( -1)", "self.begin( 1)"):
-        yield Harmless("output_ramp", init, "self.begin(0)", after, _DRIVING_FIRST)
+        yield Harmless("output_ramp", init, "self.begin(0)", after, DRIVING_FIRST)
     before = "for value, before in zip(values, self.applied_v, strict="
     yield Harmless(
         "output_ramp", "OutputRamp.follow", f"{before}True)", f"{before}False)",
-        _LENGTHS.format("the gate has compared them"),
+        LENGTHS.format("the gate has compared them"),
     )  # fmt: skip
 
 
 def _plausibility() -> Iterator[Harmless]:
-    why = _UNREAD.format("it is the time of the last readings, and there are none yet")
-    yield from _begins("plausibility", "ReadingsWatch.forget", "_at", ("-1", "1"), why)
+    why = UNREAD.format("it is the time of the last readings, and there are none yet")
+    yield from begins("plausibility", "ReadingsWatch.forget", "_at", ("-1", "1"), why)
     yield Harmless(
         "plausibility", "ReadingsWatch._jump", 'return ""', "pass",
         "None is as empty as the text: the encoders are looked at next, which give a text",
@@ -102,9 +90,9 @@ def _plausibility() -> Iterator[Harmless]:
 
 def _side_readings() -> Iterator[Harmless]:
     first = "self._still_at_m = [{}] * len(self._cylinders)"
-    why = _UNREAD.format("the first cycle of all sets it")
+    why = UNREAD.format("the first cycle of all sets it")
     afters = (first.format(" -1.0"), first.format(" 1.0"))
-    yield from _each("side_readings", "SideWatch.forget", first.format("0.0"), afters, why)
+    yield from each("side_readings", "SideWatch.forget", first.format("0.0"), afters, why)
     most = "if moved {} STUCK_SHARE * cylinder.stroke_m + STUCK_COUNTS * self._counts[i]:"
     yield Harmless(
         "side_readings", "SideWatch._stuck", most.format("<="), most.format("<"),
@@ -165,12 +153,12 @@ def _command_intake() -> Iterator[Harmless]:
 
 def _valve_frames() -> Iterator[Harmless]:
     values = ("- 2", "~1")
-    yield from _begins(
-        "valve_frames", "ValveFrames.__init__", "_stated = self._left", values, _NO_NEGATIVE, "-1"
+    yield from begins(
+        "valve_frames", "ValveFrames.__init__", "_stated = self._left", values, NO_NEGATIVE, "-1"
     )
-    unread = _UNREAD.format("it goes with an answer, which sets it")
+    unread = UNREAD.format("it goes with an answer, which sets it")
     init = "ValveFrames.__init__"
-    yield from _begins("valve_frames", init, "_asked", ("pass",), unread, "gate.output")
+    yield from begins("valve_frames", init, "_asked", ("pass",), unread, "gate.output")
 
 
 def _held_voltages() -> Iterator[Harmless]:
@@ -180,7 +168,7 @@ def _held_voltages() -> Iterator[Harmless]:
         "every caller names the word, and one that does not is as right",
     )  # fmt: skip
     said = 'return f"the amplifiers took no valve frame for {} * self._patience_s:.0f}} ms"'
-    yield from _each(
+    yield from each(
         "held_voltages", "HeldVoltages.complaint", said.format("{1e3"),
         (said.format("{ 1001.0"), said.format("{ 999.0")),
         "whole milliseconds are told, a thousandth of 60 is not",
@@ -194,7 +182,7 @@ def _held_voltages() -> Iterator[Harmless]:
     ):
         yield Harmless(
             "held_voltages", "HeldVoltages.towards", before, before.replace("True", "False"),
-            _LENGTHS.format(why),
+            LENGTHS.format(why),
         )  # fmt: skip
 
 
@@ -213,10 +201,10 @@ def _turns() -> Iterator[Harmless]:
     ):  # fmt: skip
         yield Harmless(target, where, before, before.replace("*", "/"), named)
     first = "return self.core.receive(frame, {} if arrival is None else arrival.ros_ns)"
-    yield from _each(
+    yield from each(
         "bridge_turns", "BridgeTurns._frame", first.format("0"),
         (first.format("-1"), first.format("1")),
-        _UNREAD.format("it is asked of a first sync frame alone, which has an arrival"),
+        UNREAD.format("it is asked of a first sync frame alone, which has an arrival"),
     )  # fmt: skip
 
 
@@ -227,7 +215,7 @@ def _amplifier() -> Iterator[Harmless]:
         "amplifier", init, before, before.replace("(1,", "( 0,"),
         "a missing frame is counted before it is compared: none and one are the same patience",
     )  # fmt: skip
-    yield from _begins("amplifier", init, "_missing", ("-1", "1"), _DRIVING_FIRST)
+    yield from begins("amplifier", init, "_missing", ("-1", "1"), DRIVING_FIRST)
     yield Harmless(
         "amplifier", "Amplifier._off", "self._queue.extend([self._zero] * self._delay)", "pass",
         "until the queue has filled again the output stays at the 0 V that it was switched to",
@@ -236,7 +224,7 @@ def _amplifier() -> Iterator[Harmless]:
 
 def _assembler() -> Iterator[Harmless]:
     init = "Assembler.__init__"
-    why = _UNREAD.format("no frame is taken before the first sync frame, which sets it")
+    why = UNREAD.format("no frame is taken before the first sync frame, which sets it")
     for name, first, values in (
         ("_kind", "CycleKind.NEW", ("pass",)),
         ("_data: dict[str, bytes]", "{}", ("pass",)),
@@ -245,13 +233,13 @@ def _assembler() -> Iterator[Harmless]:
         ("_idle", "False", ("pass", "True")),
         ("_spoilt_sync", "False", ("pass", "True")),
     ):
-        yield from _begins("assembler", init, name, values, why, first)
+        yield from begins("assembler", init, name, values, why, first)
     why = "the first cycle takes one from it and leaves none below 0: it begins with 0"
-    yield from _begins("assembler", init, "_wary", ("-1", "1"), why)
+    yield from begins("assembler", init, "_wary", ("-1", "1"), why)
     rest = " if self.counter is None else (counter - self.counter) % _WRAP"
     afters = (f"ahead = -1{rest}", f"ahead = 1{rest}")
     why = "the first sync frame begins a cycle, and nothing that is at most 1 ahead was lost"
-    yield from _each("assembler", "Assembler._sync", f"ahead = 0{rest}", afters, why)
+    yield from each("assembler", "Assembler._sync", f"ahead = 0{rest}", afters, why)
 
 
 def _sample_clock() -> Iterator[Harmless]:
@@ -261,86 +249,12 @@ def _sample_clock() -> Iterator[Harmless]:
         "sample_clock", init, given, given.replace("*", "/"),
         "the bridge's core says what the word means",
     )  # fmt: skip
-    why = _UNREAD.format("no counter is extended before `start`, which sets it")
-    yield from _begins("sample_clock", init, "_last", ("pass", "-1", "1"), why)
+    why = UNREAD.format("no counter is extended before `start`, which sets it")
+    yield from begins("sample_clock", init, "_last", ("pass", "-1", "1"), why)
     ahead = "self._last += (counter - self._last + _HALF) % _WRAP - _HALF"
     yield Harmless(
         "sample_clock", "SampleClock.extend", ahead, ahead.replace("+ _HALF", "- _HALF"),
-        _HALF_A_WRAP,
-    )  # fmt: skip
-
-
-def _runaway() -> Iterator[Harmless]:
-    watch, ends = "RunawayWatch", "_driven_range"
-    why = _UNREAD.format("with the first sample driving begins, which sets it")
-    yield from _begins("runaway", f"{watch}.__init__", "_in_a_row", ("pass", "-1", "1"), why)
-    judge = "def judge(self, stamp_s: float, q: FloatArray, *, driven: bool) -> str:"
-    yield Harmless(
-        "runaway", f"{watch}.judge", judge, judge.replace("*", "/"),
-        "the controller's core says what the word means",
-    )  # fmt: skip
-    for looking in ("_beyond", "_too_fast"):
-        yield Harmless(
-            "runaway", f"{watch}.{looking}", 'return ""', "pass",
-            "None is as empty as the text: it is only asked whether there is anything",
-        )  # fmt: skip
-    fast = "if tip_speed > self._tip_fastest:"
-    yield Harmless(
-        "runaway", f"{watch}._too_fast", fast, fast.replace(">", ">="),
-        "a root of squares is not exactly a limit but by chance, and may be either then",
-    )  # fmt: skip
-    grid = "by a step of a hundredth of the reach more or less, it ends before the lever does"
-    yield from _each("runaway", "", "_STEPS = 100", ("_STEPS = 101", "_STEPS = 99"), grid)
-    short = "short = arm {} np.sign(arm[{}]) {} SHORTEST_LEVER_M"
-    before = short.format("*", "0", "<")
-    yield Harmless(
-        "runaway", ends, before, short.format("*", " 1", "<"),
-        "a lever of 5 mm and more does not turn over within a hundredth of the reach",
-    )  # fmt: skip
-    yield Harmless(
-        "runaway", ends, before, short.format("/", "0", "<"),
-        "divided by 1 or -1 is multiplied by it",
-    )  # fmt: skip
-    yield Harmless(
-        "runaway", ends, before, short.format("*", "0", "<="),
-        "a lever computed along a grid is not exactly 5 mm but by chance, and may be either then",
-    )  # fmt: skip
-
-
-def _following_error() -> Iterator[Harmless]:
-    judge = "self, stamp_s: float, q: FloatArray, q_d: FloatArray, epoch: int, *, held: bool"
-    yield Harmless(
-        "following_error", "FollowingWatch.judge", judge, judge.replace("*", "/"),
-        "the controller's core says what the word means",
-    )  # fmt: skip
-    joints = "for i, (far, most) in enumerate(zip(behind, self._most, strict=True)):"
-    yield Harmless(
-        "following_error", "FollowingWatch.judge", joints, joints.replace("True", "False"),
-        _LENGTHS.format("the law has refused positions that are not one of each joint"),
-    )  # fmt: skip
-    forwards = "since, forwards = self._since[i], far {} 0.0"
-    yield Harmless(
-        "following_error", "FollowingWatch._stuck", forwards.format(">"), forwards.format(">="),
-        "a joint that is further away than it may be is not at 0 from where it shall be",
-    )  # fmt: skip
-
-
-def _doubtful() -> Iterator[Harmless]:
-    near = "bound not in (0.0, spec.typical) and abs(value - bound) {} _AT_BOUND * abs(bound)"
-    yield Harmless(
-        "doubtful", "_at_bound", near.format("<="), near.format("<"),
-        "a fit ends at a bound or away from it: exactly a millionth off it may be either",
-    )  # fmt: skip
-    yield Harmless(
-        "doubtful", "_doubt", 'return ""', "pass",
-        "None is as empty as the text, and its caller gives the text on",
-    )  # fmt: skip
-    spanning = (
-        "spanning = (i for i, p in enumerate(effect.parameters) if p.lower <= 0.0 {} p.upper)"
-    )
-    yield Harmless(
-        "doubtful", "_sizes", spanning.format("<="), spanning.format("<"),
-        "the catalogue has no parameter of which 0 is the highest value",
+        HALF_A_WRAP,
     )  # fmt: skip
 
 
@@ -365,37 +279,6 @@ def _calibration_session() -> Iterator[Harmless]:
     )  # fmt: skip
 
 
-def _sample_join() -> Iterator[Harmless]:
-    of_one = "of_rails = tuple(None if rail is None else rail[{}] for rail in rails)"
-    yield Harmless(
-        "sample_join", "SampleJoin.add_pressures", of_one.format("0"), of_one.format(" -1"),
-        "one name was asked for: the first of its values is the last",
-    )  # fmt: skip
-    yield Harmless(
-        "sample_join", "SampleJoin.newest", "return None", "pass",
-        "a function that ends without a value gives None, too",
-    )  # fmt: skip
-
-
-def _applied() -> Iterator[Harmless]:
-    named = "every caller names the word, and one that does not is as right"
-    for where, arguments in (
-        ("commanded", "stamp_ns: int, voltage_v: FloatArray"),
-        ("_judge", "commanded: FloatArray, applied: FloatArray"),
-    ):
-        before = f"def {where}(self, {arguments}, *, moving: bool) -> None:"
-        after = before.replace("*", "/")
-        yield Harmless("applied", f"AppliedWatch.{where}", before, after, named)
-
-
-def _stamps() -> Iterator[Harmless]:
-    off = "if abs(steps - max(1, round(steps))) {} _OFF:"
-    yield Harmless(
-        "stamps", "StampWatch.follows", off.format(">"), off.format(">="),
-        "no number of samples less a whole one is the very float 0.1: it has finer digits",
-    )  # fmt: skip
-
-
 HARMLESS: tuple[Harmless, ...] = (
     *_gate(),
     *_permissives(),
@@ -414,12 +297,7 @@ HARMLESS: tuple[Harmless, ...] = (
     *_amplifier(),
     *_assembler(),
     *_sample_clock(),
-    *_runaway(),
-    *_following_error(),
-    *_doubtful(),
     *_claims(),
     *_calibration_session(),
-    *_sample_join(),
-    *_applied(),
-    *_stamps(),
+    *OF_CONTROL,
 )
