@@ -132,6 +132,53 @@ def test_absent_can_interface() -> None:
     assert_refused(run("hydro_hw_bridge", "sim_rig", "--can", "hydrocan7"), "hydrocan7")
 
 
+#: Nodes that start ROS, with what else each has to be given.
+NODES = (
+    ("hydro_hw_bridge", "can_bridge", ()),
+    ("hydro_control", "controller", ()),
+    ("hydro_ident", "recorder", ("--out", "bags")),
+    ("hydro_ident", "identification_node", ()),
+    ("hydro_msgs_docs", "visual_joints", ()),
+)
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(("package", "executable", "words"), NODES)
+def test_arguments_that_ros_refuses(
+    package: str,
+    executable: str,
+    words: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    within: Run,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    wrong = ("--ros-args", "--params-file", "nope.yaml")
+    assert_refused(within(package, executable, *words, *wrong), "nope.yaml")
+    # rcl says a line of its own before ours.
+    result = within(package, executable, *words, "--ros-args", "-r", "__node:=two words")
+    line = result.stderr.strip().splitlines()[-1]
+    assert result.returncode == 2
+    assert line.startswith(f"{executable}: ROS cannot be started as it was asked to")
+    assert "two words" in line
+    assert "Traceback" not in result.stderr
+    assert not list(tmp_path.rglob("*.mcap"))
+
+
+@pytest.mark.ros
+def test_names_that_no_node_can_have(within: Run) -> None:
+    for name in ("two words", ""):
+        result = within("hydro_control", "lifecycle", "get", name)
+        assert_refused(result, "expected a node's name", f"'{name}'")
+
+
+@pytest.mark.ros
+def test_a_domain_that_is_no_number(monkeypatch: pytest.MonkeyPatch, within: Run) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "lab")
+    result = within("hydro_control", "lifecycle", "get", "controller")
+    assert_refused(result, "ROS cannot be started", "ROS_DOMAIN_ID")
+
+
 @pytest.mark.ros
 def test_bridge_on_an_absent_can_interface() -> None:
     result = run("hydro_hw_bridge", "can_bridge", "--ros-args", "-p", "can:=hydrocan7")

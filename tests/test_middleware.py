@@ -31,11 +31,13 @@ RECORDER = "import sys; from hydro_ident.bag.recorder import main; sys.exit(main
 
 
 def test_every_node_asks_for_it_before_it_starts() -> None:
+    """By `start_ros`, or itself where it starts in a context of its own."""
     starts = 0
     for package in PACKAGES:
         for path in (ROOT / package / package).rglob("*.py"):
             lines = path.read_text(encoding="utf-8").splitlines()
             for k, line in enumerate(lines):
+                starts += bool(re.match(r"\s*start_ros\(", line))
                 if re.match(r"\s*(rclpy|context)\.init\(", line):
                     starts += 1
                     assert lines[k - 1].strip() == "prepare_middleware()", f"{path}, line {k + 1}"

@@ -272,6 +272,7 @@ def test_one_valve_that_is_late_is_a_delay_of_that_valve(diagnosed: Diagnosed) -
     found = diagnosed(EffectSpec("command_delay", "tilt_valve", {"delay": delay_s}))
     (one,) = found.findings
     assert one.named.names[0] == "command_delay"
+    assert finding_dict(found, one)["also"][-1] == "timing"
     assert one.named.term.target == "tilt_cylinder"
     assert one.named.term.parameters[0] == pytest.approx(delay_s, abs=2e-4)
     assert found.robot is not None

@@ -3,13 +3,59 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
+
+from hydro_model.errors import HydroError
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 LOCAL = "LOCALHOST"
 #: Where Fast DDS looks for settings of its own, and ours.
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 PROFILES_FILE = Path(__file__).with_name("fastdds.xml")
+
+
+class MiddlewareError(HydroError):
+    """ROS cannot be started with these arguments, or in this environment."""
+
+
+def start_ros(name: str, arguments: Sequence[str] = (), handlers: Any = None) -> None:
+    """Start ROS in this process; `rclpy.try_shutdown` ends it.
+
+    Parameters
+    ----------
+    name : str
+        Of the executable.
+    arguments : sequence of str
+        Of its command line, `--ros-args ...` among them.
+    handlers : rclpy.signals.SignalHandlerOptions, optional
+        Which signals end ROS; by default all of which rclpy knows.
+
+    Raises
+    ------
+    MiddlewareError
+        An argument, a file of parameters or a variable of the environment that ROS refuses.
+    RobotError
+        A file of parameters that cannot be read.
+    """
+    import rclpy
+    from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
+
+    from hydro_model.robot_files import read_yaml
+
+    # Checked here first, as rcl says less and in more lines.
+    for flag, file in pairwise(arguments):
+        if flag == "--params-file":
+            read_yaml(Path(file))
+    signals = {} if handlers is None else {"signal_handler_options": handlers}
+    try:
+        prepare_middleware()
+        rclpy.init(args=[name, *arguments], **signals)
+    except (RCLError, RCLInvalidROSArgsError, UnknownROSArgsError) as error:
+        line = " ".join(str(error).split())
+        raise MiddlewareError(f"ROS cannot be started as it was asked to: {line}") from error
 
 
 def prepare_middleware() -> None:

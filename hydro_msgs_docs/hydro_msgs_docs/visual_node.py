@@ -5,12 +5,11 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from hydro_model.command_line.command import run_command
-from hydro_msgs_docs.middleware import prepare_middleware
+from hydro_msgs_docs.middleware import start_ros
 from hydro_msgs_docs.node_arguments import check_arguments
 
 if TYPE_CHECKING:
@@ -69,8 +68,7 @@ def _run(arguments: Sequence[str]) -> int:
     import rclpy
     from rclpy.executors import ExternalShutdownException
 
-    prepare_middleware()
-    rclpy.init(args=[sys.argv[0], *arguments])
+    start_ros("visual_joints", arguments)
     try:
         node = rclpy.create_node("visual_joints")
         try:

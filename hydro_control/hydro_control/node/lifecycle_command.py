@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from hydro_control.errors import ControlError
-from hydro_model.command_line.command import Parser, run_command
+from hydro_model.command_line.command import Parser, printable, run_command
 from hydro_model.command_line.output import add_json, report
-from hydro_msgs_docs.middleware import prepare_middleware
+from hydro_msgs_docs.middleware import start_ros
 
 #: Time without an answer after which a node is asked again.
 _AGAIN_S = 5.0
@@ -68,11 +68,10 @@ def run(arguments: Sequence[str]) -> int:
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
-    prepare_middleware()
-    rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
+    target = _named(args.node)
+    start_ros(NAME, handlers=SignalHandlerOptions.NO)
     node = rclpy.create_node(f"lifecycle_{args.transition}", start_parameter_services=False)
     try:
-        target = "/" + args.node.strip("/")
         found, text = _done(rclpy, node, target, args.transition, args.timeout)
     finally:
         node.destroy_node()
@@ -80,6 +79,19 @@ def run(arguments: Sequence[str]) -> int:
     asked = {"schema": SCHEMA, "node": target, "asked": args.transition}
     report(args.json, {**asked, **found}, text)
     return 0
+
+
+def _named(node: str) -> str:
+    from rclpy.exceptions import InvalidTopicNameException
+    from rclpy.validate_full_topic_name import validate_full_topic_name
+
+    target = "/" + node.strip("/")
+    try:
+        validate_full_topic_name(target)
+    except InvalidTopicNameException as error:
+        why = "expected a node's name, such as controller"
+        raise ControlError(f"{why}, found '{printable(node)}'") from error
+    return target
 
 
 def _done(

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from itertools import pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hydro_control.errors import ControlError
 from hydro_model.command_line.command import run_command
-from hydro_msgs_docs.middleware import prepare_middleware
+from hydro_msgs_docs.middleware import start_ros
 from hydro_msgs_docs.node_arguments import check_arguments
 
 if TYPE_CHECKING:
@@ -51,7 +49,7 @@ def run(arguments: Sequence[str]) -> int:
     # A shorter turn of the interpreter's lock: planning a trajectory in another thread
     # then costs the control loop at most this much at each step.
     sys.setswitchinterval(0.0005)
-    _start_ros(rclpy, arguments, SignalHandlerOptions.NO)
+    start_ros(NAME, arguments, SignalHandlerOptions.NO)
     try:
         node = ControllerNode()
         try:
@@ -76,23 +74,6 @@ def _check(arguments: Sequence[str]) -> None:
 
 #: A signal is heard between two waits of the executor: no longer than this after it came.
 _SPIN_S = 0.02
-
-
-def _start_ros(rclpy: Any, arguments: Sequence[str], signals: Any) -> None:
-    from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
-
-    from hydro_model.robot_files import read_yaml
-
-    # Checked here first, as rcl says less and in more lines.
-    for flag, file in pairwise(arguments):
-        if flag == "--params-file":
-            read_yaml(Path(file))
-    try:
-        prepare_middleware()
-        rclpy.init(args=[NAME, *arguments], signal_handler_options=signals)
-    except (RCLError, RCLInvalidROSArgsError, UnknownROSArgsError) as error:
-        line = " ".join(str(error).split())
-        raise ControlError(f"ROS arguments that cannot be used: {line}") from error
 
 
 def _spin(rclpy: Any, node: ControllerNode) -> int:

@@ -13,7 +13,7 @@ from hydro_control.node.lifecycle_command import seconds
 from hydro_control.node.node import NAME as CONTROLLER
 from hydro_model.command_line.command import Parser, run_command
 from hydro_model.command_line.output import add_json, report
-from hydro_msgs_docs.middleware import prepare_middleware
+from hydro_msgs_docs.middleware import start_ros
 
 NAME = "send_path"
 #: Of what `--json` writes.
@@ -88,8 +88,7 @@ def _send(topic: str, message: Any, timeout_s: float) -> None:
 
     from hydro_msgs_docs import topics
 
-    prepare_middleware()
-    rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
+    start_ros("send_path", handlers=SignalHandlerOptions.NO)
     node = rclpy.create_node("send_path", start_parameter_services=False)
     try:
         publisher = node.create_publisher(type(message), topic, topics.reliable())

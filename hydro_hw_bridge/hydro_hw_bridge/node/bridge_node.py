@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from hydro_hw_bridge.endings import on_end, on_end_at_once
 from hydro_hw_bridge.errors import BridgeError
 from hydro_model.command_line.command import Parser, run_command
-from hydro_msgs_docs.middleware import prepare_middleware
+from hydro_msgs_docs.middleware import start_ros
 
 if TYPE_CHECKING:
     from hydro_hw_bridge.node.bridge import CanBridge
@@ -55,7 +55,7 @@ def _run(ros_arguments: list[str]) -> int:
 
     stop = threading.Event()
     on_end(stop.set)
-    _init(rclpy, ros_arguments, SignalHandlerOptions.NO)
+    start_ros(NAME, ros_arguments, SignalHandlerOptions.NO)
     try:
         node = CanBridge(stop)
         executor = SingleThreadedExecutor()
@@ -80,17 +80,6 @@ def _run(ros_arguments: list[str]) -> int:
         return _result(node)
     finally:
         rclpy.try_shutdown()
-
-
-def _init(rclpy: object, ros_arguments: list[str], handlers: object) -> None:
-    """rclpy.init, with what it finds wrong in the arguments as one line."""
-    try:
-        prepare_middleware()
-        rclpy.init(args=ros_arguments, signal_handler_options=handlers)  # type: ignore[attr-defined]
-    except Exception as error:
-        # rclpy has no common class for what it raises here.
-        text = " ".join(str(error).split())
-        raise BridgeError(f"wrong ROS arguments: {text}") from error
 
 
 def _result(node: CanBridge) -> int:

@@ -22,7 +22,8 @@ from hydro_model.command_line.command import Parser, run_command, warn
 from hydro_model.command_line.output import STDOUT, add_json, report
 from hydro_model.command_line.terminal import advance, progress_bar
 from hydro_model.description.safe_yaml import UnusableYamlError, parse
-from hydro_msgs_docs.middleware import prepare_middleware
+from hydro_msgs_docs.middleware import start_ros
+from hydro_msgs_docs.node_arguments import own_arguments
 from hydro_msgs_docs.topics import LIVE_DEPTH, reliable
 
 #: Of what `--json` writes.
@@ -70,9 +71,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    from rclpy.utilities import remove_ros_args
-
-    options = _parser().parse_args(remove_ros_args(["player", *arguments])[1:])
+    options = _parser().parse_args(own_arguments(arguments))
     with progress_bar():
         contents = contents_of(options.bag)
     channels = chosen_channels(contents.channels, options.topics, options.bag)
@@ -83,8 +82,7 @@ def _run(arguments: Sequence[str]) -> int:
     from rclpy.signals import SignalHandlerOptions
 
     with stop_on_signals() as stop:
-        prepare_middleware()
-        rclpy.init(args=["player", *arguments], signal_handler_options=SignalHandlerOptions.NO)
+        start_ros("player", arguments, SignalHandlerOptions.NO)
         try:
             player = Player(channels)
             warn("player", (*contents.damage, *contents.unchecked))

@@ -32,7 +32,8 @@ from hydro_ident.errors import IdentError
 from hydro_model.command_line.command import Parser, run_command
 from hydro_model.command_line.output import STDOUT, add_json, write_json
 from hydro_model.robot_files import load_robot
-from hydro_msgs_docs.middleware import prepare_middleware
+from hydro_msgs_docs.middleware import start_ros
+from hydro_msgs_docs.node_arguments import own_arguments
 from hydro_msgs_docs.topics import (
     BASE_PARAMETERS,
     RECORDER_DEPTH,
@@ -98,49 +99,45 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    from rclpy.utilities import remove_ros_args
-
-    options = _parser().parse_args(remove_ros_args(["recorder", *arguments])[1:])
+    options = _parser().parse_args(own_arguments(arguments))
     robot = load_robot(options.robot)
     topics = wanted_topics(options.topics, robot)
     metadata = project_metadata(robot, options.note, options.attach)
     for topic, message_type in topics.items():
         check_topic(topic, message_type)
-    writer = BagWriter(
-        bag_directory(options.out, options.name), metadata, compression=options.compression
-    )
-    _record(writer, topics, arguments, options.json)
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    with stop_on_signals() as stop:
+        start_ros("recorder", arguments, SignalHandlerOptions.NO)
+        try:
+            # Only now: arguments that ROS refuses leave no bag.
+            directory = bag_directory(options.out, options.name)
+            writer = BagWriter(directory, metadata, compression=options.compression)
+            _record(writer, topics, stop, options.json)
+        finally:
+            rclpy.try_shutdown()
     return 0
 
 
 def _record(
-    writer: BagWriter,
-    topics: Mapping[str, str],
-    arguments: Sequence[str],
-    json_file: Path | None,
+    writer: BagWriter, topics: Mapping[str, str], stop: Sequence[bool], json_file: Path | None
 ) -> None:
-    import rclpy
-    from rclpy.signals import SignalHandlerOptions
-
     stream = sys.stderr if json_file == STDOUT else sys.stdout
-    with stop_on_signals() as stop:
-        prepare_middleware()
-        rclpy.init(args=["recorder", *arguments], signal_handler_options=SignalHandlerOptions.NO)
-        started = time.monotonic()
-        try:
-            recorder = Recorder(writer, topics, stream)
-            _tell(f"recording {len(topics)} topics to {writer.directory}", stream)
-            recorder.spin(stop)
-            writer.close()
-        except OSError as error:
-            writer.abandon()
-            raise RecordError(
-                f"{writer.directory}: recording ended after {time.monotonic() - started:.1f} s:"
-                f" {error.strerror}; what was written before is readable"
-            ) from error
-        finally:
-            writer.close()
-            rclpy.try_shutdown()
+    started = time.monotonic()
+    try:
+        recorder = Recorder(writer, topics, stream)
+        _tell(f"recording {len(topics)} topics to {writer.directory}", stream)
+        recorder.spin(stop)
+        writer.close()
+    except OSError as error:
+        writer.abandon()
+        raise RecordError(
+            f"{writer.directory}: recording ended after {time.monotonic() - started:.1f} s:"
+            f" {error.strerror}; what was written before is readable"
+        ) from error
+    finally:
+        writer.close()
     seconds = time.monotonic() - started
     _tell(summary(writer, recorder.lost, seconds), stream)
     if json_file is not None:

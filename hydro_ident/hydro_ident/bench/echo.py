@@ -21,7 +21,7 @@ from hydro_model.robot_files import load_robot
 from hydro_msgs_docs import topics
 from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
 from hydro_msgs_docs.messages import joint_state, set_stamp, stamp_ns
-from hydro_msgs_docs.middleware import prepare_middleware
+from hydro_msgs_docs.middleware import start_ros
 
 ROBOT, _IDLE_S = "xs031", 0.5
 
@@ -111,6 +111,5 @@ if __name__ == "__main__":
 
     # As the controller: the threads' turns shall not be what is compared.
     sys.setswitchinterval(0.0005)
-    prepare_middleware()
-    rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
+    start_ros("echo", handlers=SignalHandlerOptions.NO)
     PARTS[sys.argv[1]](rclpy.create_node(f"echo_{sys.argv[1]}"), sys.argv[2])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from hydro_ident.errors import IdentError, NotEnoughDataError
 from hydro_model.command_line.command import run_command
-from hydro_msgs_docs.middleware import prepare_middleware
+from hydro_msgs_docs.middleware import start_ros
 from hydro_msgs_docs.node_arguments import check_arguments
 
 if TYPE_CHECKING:
@@ -34,8 +34,7 @@ def run(arguments: Sequence[str]) -> int:
     from rclpy.executors import ExternalShutdownException
     from rclpy.signals import SignalHandlerOptions
 
-    prepare_middleware()
-    rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+    start_ros("identification_node", arguments, SignalHandlerOptions.NO)
     # A signal also has to end the identification, which spins nothing.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _interrupt)

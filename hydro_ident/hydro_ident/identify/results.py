@@ -17,7 +17,7 @@ from hydro_ident.identify.consistent_robot import physical_dict
 from hydro_ident.identify.estimator_choice import Chosen
 from hydro_ident.identify.identification import Identification
 from hydro_ident.identify.validation_results import (
-    channel_rollouts,
+    channel_rollout,
     comparison_dict,
     free_run_dict,
 )
@@ -141,14 +141,11 @@ def result_dict(found: Identification, origin: Provenance) -> dict[str, Any]:
 
 
 def _channels(found: Identification) -> dict[str, Any]:
-    """Scores by channel; a joint's roll-outs stand with its force."""
-    rollouts = channel_rollouts(found.free_run)
-    channels: dict[str, Any] = {}
-    for channel in found.channels:
-        joint, kind = channel.name.rsplit("/", 1)
-        extra = rollouts.get(joint, {}) if kind in ("force", "torque") else {}
-        channels[channel.name] = {**channel.summary(), **extra}
-    return channels
+    """Scores by channel, each with its joint's roll-outs."""
+    return {
+        channel.name: {**channel.summary(), **channel_rollout(found.free_run, channel.name)}
+        for channel in found.channels
+    }
 
 
 def _estimator_dict(chosen: Chosen | None) -> dict[str, str]:
@@ -189,8 +186,9 @@ def write_together(
     """Write a folder's files so that a failure leaves what was there before.
 
     Everything is written into a new folder beside it first. A new `folder` is then that folder
-    renamed; into one that exists, the files are moved one by one, and those of `own` that this
-    run did not write are removed, so that no old model stands beside a new verdict.
+    renamed; into one that exists, the files are moved one by one, the result itself last, which
+    is not there meanwhile. Files of `own` that this run did not write are removed, so that no old
+    model stands beside a new verdict.
 
     Parameters
     ----------
@@ -198,7 +196,7 @@ def write_together(
     fill : callable
         Writes the files into the folder it is given.
     own : sequence of str
-        Names that belong to one result.
+        Names that belong to one result, the result itself first.
 
     Raises
     ------
@@ -231,11 +229,13 @@ def _move(fresh: Path, folder: Path, own: Sequence[str]) -> None:
         fresh.rename(folder)
         return
     written = {file.name for file in fresh.iterdir()}
-    for name in sorted(written):
-        os.replace(fresh / name, folder / name)
+    # Whoever finds a result finds all of it, and no part of another.
+    result = next(iter(own), None)
     for name in own:
-        if name not in written:
+        if name not in written or name == result:
             (folder / name).unlink(missing_ok=True)
+    for name in sorted(written, key=lambda name: (name == result, name)):
+        os.replace(fresh / name, folder / name)
 
 
 def write_outcome(

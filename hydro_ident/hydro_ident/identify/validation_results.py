@@ -17,18 +17,30 @@ from hydro_ident.json_numbers import finite
 from hydro_ident.rollouts.free_run import FreeRun
 
 
-def channel_rollouts(run: FreeRun | None) -> dict[str, dict[str, float | str | None]]:
-    """Roll-out entries of result.json's channels, by joint."""
-    return {
-        j.joint: {
-            "rollout_rmse_before": j.rmse_before,
-            "rollout_rmse_after": j.rmse_after,
-            "rollout_unit": j.unit,
-            "rollout_whole_run_rmse_before": j.whole_before,
-            "rollout_whole_run_rmse_after": j.whole_after,
-        }
-        for j in (run.joints if run is not None else ())
-    }
+def channel_rollout(run: FreeRun | None, channel: str) -> dict[str, float | str | None]:
+    """Roll-out entries of a channel of result.json: its joint's, null where it was not rolled out.
+
+    Parameters
+    ----------
+    run : FreeRun or None
+    channel : str
+        `<joint>/<kind>`.
+
+    Returns
+    -------
+    dict
+    """
+    joint = channel.rsplit("/", 1)[0]
+    for j in run.joints if run is not None else ():
+        if j.joint == joint:
+            return {
+                "rollout_rmse_before": j.rmse_before,
+                "rollout_rmse_after": j.rmse_after,
+                "rollout_unit": j.unit,
+                "rollout_whole_run_rmse_before": j.whole_before,
+                "rollout_whole_run_rmse_after": j.whole_after,
+            }
+    return {"rollout_rmse_before": None, "rollout_rmse_after": None, "rollout_unit": "rad"}
 
 
 def free_run_dict(run: FreeRun | None) -> dict[str, object] | None:

@@ -34,7 +34,9 @@ def parser() -> argparse.ArgumentParser:
         "--cases", type=_positive, default=750, metavar="N", help="how many cranes (default: 750)"
     )
     seed = p.add_mutually_exclusive_group()
-    seed.add_argument("--seed", type=int, default=0, metavar="S", help="of the cases (default: 0)")
+    seed.add_argument(
+        "--seed", type=_whole, default=0, metavar="S", help="of the cases (default: 0)"
+    )
     seed.add_argument(
         "--frozen", metavar="HASH", help="derive the seed from the commit that froze thresholds"
     )
@@ -73,8 +75,13 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _positive(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number of 1 or more, found '{text}'")
+    return _whole(text, 1)
+
+
+def _whole(text: str, least: int = 0) -> int:
+    if not text.isdecimal() or int(text) < least:
+        why = f"expected a whole number of {least} or more"
+        raise argparse.ArgumentTypeError(f"{why}, found '{text}'")
     return int(text)
 
 

@@ -177,6 +177,27 @@ def test_a_new_verdict_does_not_stand_beside_an_old_model(tmp_path: Path) -> Non
     assert sorted(p.name for p in out.iterdir()) == ["mine.txt", "result.json"]
 
 
+def test_whoever_finds_a_result_finds_all_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a folder that was there: an empty one, and one with a result of before."""
+    out = tmp_path / "out"
+    out.mkdir()
+    there = []
+    put = os.replace
+
+    def moved(source: Path, target: Path) -> None:
+        put(source, target)
+        there.append((out / "result.json").exists())
+
+    monkeypatch.setattr(os, "replace", moved)
+    for text in ("old", "new"):
+        write_together(out, lambda d, t=text: [(d / n).write_text(t) for n in OWN_FILES] and None)
+        assert there == [False] * (len(OWN_FILES) - 1) + [True]
+        assert {(out / name).read_text() for name in OWN_FILES} == {text}
+        there.clear()
+
+
 @pytest.mark.thorough
 @pytest.mark.needs("clarabel")
 def test_where_it_is_written_does_not_change_the_result(bag: Path, tmp_path: Path) -> None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from hydro_ident.estimate.scoring.scores import fit_percent
 from hydro_ident.identify.results import Provenance
-from hydro_ident.identify.validation_results import channel_rollouts, free_run_dict
+from hydro_ident.identify.validation_results import channel_rollout, free_run_dict
 from hydro_ident.json_numbers import finite
 from hydro_ident.mismatch.answer.outcome import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.fitting.fitted import Fitted
@@ -23,6 +24,7 @@ from hydro_ident.mismatch.settings import FORM_TOLERANCE
 from hydro_ident.mismatch.trials.contender import shape_at_an_end
 from hydro_ident.mismatch.trials.where import where_of
 from hydro_ident.mismatch.unnamed.unknown_file import unexplained_dict
+from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
@@ -87,19 +89,10 @@ def result_dict(found: Diagnosis, origin: Provenance) -> dict[str, Any]:
 
 
 def _channels(found: Diagnosis) -> dict[str, Any]:
-    rollouts = channel_rollouts(found.free_run)
-    result: dict[str, Any] = {}
-    for one in found.channels:
-        joint = one.name.split("/")[0]
-        result[one.name] = {**channel_dict(one), **rollouts.get(joint, _NO_ROLLOUT)}
-    return result
-
-
-_NO_ROLLOUT: dict[str, float | str | None] = {
-    "rollout_rmse_before": None,
-    "rollout_rmse_after": None,
-    "rollout_unit": "rad",
-}
+    return {
+        one.name: {**channel_dict(one), **channel_rollout(found.free_run, one.name)}
+        for one in found.channels
+    }
 
 
 def channel_dict(one: ChannelResult) -> dict[str, float | str]:
@@ -134,7 +127,7 @@ def finding_dict(found: Diagnosis, one: Finding) -> dict[str, Any]:
     effect = term.effect
     return {
         "channel": one.channels[0],
-        "also": list(one.channels[1:]),
+        "also": list(channels_told(one.channels, named.names)[1:]),
         "target": named.term.target,
         "where": place,
         "names": list(named.names),
@@ -161,6 +154,26 @@ def finding_dict(found: Diagnosis, one: Finding) -> dict[str, Any]:
         "separating_experiment": effect.separating_experiment,
         "modelled_as": named.term.effect.name,
     }
+
+
+def channels_told(channels: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+    """Where a finding is said to show: strongest first, and in `timing` what may be a lag.
+
+    A lag between signals has no balance of its own: it shows in those of forces and flows.
+
+    Parameters
+    ----------
+    channels : sequence of str
+        Whose residuals it takes from.
+    names : sequence of str
+        Effects of its set.
+
+    Returns
+    -------
+    tuple of str
+    """
+    lags = any(CATALOGUE[name].channel == "timing" for name in names)
+    return (*channels, "timing") if lags else tuple(channels)
 
 
 def as_modelled(found: Diagnosis, one: Finding) -> tuple[Fitted | Weighed, ActiveEffect]:
