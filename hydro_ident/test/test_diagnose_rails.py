@@ -75,12 +75,19 @@ def _finding(name: str, target: str) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("read", "parted"), [((False, False), ["supply", "tank"]), ((True, False), ["tank"])]
+    ("read", "parted"),
+    [
+        ([(False, False)], ["supply", "tank"]),
+        ([(True, False)], ["tank"]),
+        ([(True, True), (True, False)], ["tank"]),
+    ],
 )
-def test_a_transducer_that_is_off_is_a_finding(read: tuple[bool, bool], parted: list[str]) -> None:
-    """Only of a rail without one it is the file's constant."""
-    trace = SimpleNamespace(rails_read=read)
-    material = SimpleNamespace(stretches=[SimpleNamespace(trace=trace)])
+def test_a_transducer_that_is_off_is_a_finding(
+    read: list[tuple[bool, bool]], parted: list[str]
+) -> None:
+    """Of a rail that a recording lacks it is, or may be, the file's constant."""
+    traces = [SimpleNamespace(rails_read=rails) for rails in read]
+    material = SimpleNamespace(stretches=[SimpleNamespace(trace=trace) for trace in traces])
     work: Any = SimpleNamespace(
         training=SimpleNamespace(predictor=SimpleNamespace(material=material))
     )

@@ -29,7 +29,8 @@ def parted_rails(
     findings, constants : list of Finding
     """
     stretches = work.training.predictor.material.stretches
-    read = [any(s.trace.rails_read[k] for s in stretches) for k in range(len(RAILS))]
+    # One bias stands for all recordings: where one has no reading, it is of the constant there.
+    read = [all(s.trace.rails_read[k] for s in stretches) for k in range(len(RAILS))]
     unread = {name for name, known in zip(RAILS, read, strict=True) if not known}
     constants = [
         f

@@ -212,8 +212,8 @@ def settled(
 
 
 def spacing(instants_s: Sequence[float]) -> float:
-    """What lies between two instants of an even row, in s; 0 where there is a single one."""
-    return float(instants_s[1] - instants_s[0]) if len(instants_s) > 1 else 0.0
+    """What lies between two instants, in s, without a pause; 0 where there is a single one."""
+    return float(np.diff(instants_s).min()) if len(instants_s) > 1 else 0.0
 
 
 def _edged(one: ActiveEffect, names: tuple[str, str], values: tuple[float, float]) -> ActiveEffect:

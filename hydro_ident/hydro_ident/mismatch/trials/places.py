@@ -13,6 +13,7 @@ from hydro_ident.mismatch.rows.law_signals import wet_rows
 from hydro_ident.mismatch.rows.material import Material
 from hydro_ident.mismatch.rows.onset import spacing
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
+from hydro_ident.mismatch.rows.recorded_time import spread_instants
 from hydro_model.effects.bending import next_parallel, usual_inertia
 from hydro_model.effects.catalogue import CATALOGUE, ActiveEffect
 from hydro_model.effects.flexibility import CARRIED, PLACE, hinged
@@ -39,8 +40,8 @@ QUANTILES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 _MET, _PLOUGHED = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5), (0.7, 0.9)
 #: Pilot ratios tried, over the usual one: from another's ratio a fit does not come to them.
 _PILOT_RATIOS = (0.25, 0.5, 1.0, 2.0)
-#: Instants tried for something that begins within a recording: one every so often, in s.
-INSTANT_S, MOST_INSTANTS = 2.0, 60
+#: Instants tried for something that begins within a recording.
+MOST_INSTANTS = 60
 #: Fewer of them, two of which are tried together: every pair of them is paid for.
 _MOST_ENDS = 8
 #: Exponents of a ground: a spring's, and that of a body which is pressed in (Hertz).
@@ -225,12 +226,12 @@ def tilts(one: ActiveEffect) -> list[tuple[float, ...]]:
 
 def instants_of(material: Material) -> list[float]:
     """Instants at which something may begin within recordings, in s."""
-    return _spread(material, MOST_INSTANTS)
+    return spread_instants(material, MOST_INSTANTS)
 
 
 def ends_of(material: Material) -> list[float]:
     """Fewer instants, at two of which something may begin and end; in s."""
-    return _spread(material, _MOST_ENDS)
+    return spread_instants(material, _MOST_ENDS)
 
 
 def passages(material: Material) -> list[tuple[float, float, float, float]]:
@@ -246,14 +247,6 @@ def passages(material: Material) -> list[tuple[float, float, float, float]]:
     instants = ends_of(material)
     wide_s = spacing(instants)
     return [(come, wide_s, go, wide_s) for come, go in itertools.combinations(instants, 2)]
-
-
-def _spread(material: Material, most: int) -> list[float]:
-    if not material.size:
-        return []
-    end = float(material.time_s.max())
-    count = int(min(most, max(1, end / INSTANT_S - 1)))
-    return [float(t) for t in np.linspace(0.0, end, count + 2)[1:-1]]
 
 
 def instant_spacing(material: Material) -> float:
