@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from hydro_ident.bag.provenance import project_metadata
 from hydro_ident.bag.reader import read_bag
@@ -178,6 +180,82 @@ def test_everything_published_is_recorded(tmp_path, node, recorder) -> None:
     text = (_only_bag(tmp_path) / "metadata.yaml").read_text()
     assert "transient_local" in text
     assert text.count("RIHS01_") == len(bag.topics)
+
+
+@pytest.fixture
+def running(node: Any) -> Iterator[Callable[..., None]]:
+    """Starts nodes with parameters, which answer in the background."""
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import Node
+
+    executor = SingleThreadedExecutor(context=node.context)
+    nodes: list[Any] = []
+
+    def start(name: str, parameters: Mapping[str, Any]) -> None:
+        nodes.append(Node(name, context=node.context))
+        nodes[-1].declare_parameters("", list(parameters.items()))
+        executor.add_node(nodes[-1])
+
+    thread = threading.Thread(target=executor.spin, daemon=True)
+    thread.start()
+    yield start
+    executor.shutdown()
+    thread.join()
+    for one in nodes:
+        one.destroy_node()
+
+
+@pytest.mark.ros
+def test_what_runs_is_asked_for_its_parameters(tmp_path, node, running, recorder) -> None:
+    """And for the mapping that it uses; while it is recorded, whatever is attached."""
+    (tmp_path / "lab.mapping.yaml").write_text("schema: lab\n")
+    running("controller", {"robot": "xs031", "kx": [40.0, 30.0]})
+    running("can_bridge", {"mapping": str(tmp_path / "lab.mapping.yaml"), "max_age_ms": 10.0})
+    gains = tmp_path / "gains.yaml"
+    gains.write_text("mine: 1\n")
+    for attached in ((), ("--attach", f"controller_parameters={gains}")):
+        process = recorder(*attached)
+        publishers = _publishers(node)
+        _wait_until_received(tmp_path, publishers)
+        _wait_for(lambda: b"max_age_ms" in _file_of(tmp_path).read_bytes(), tmp_path)
+        if not attached:
+            _wait_for(lambda: b"kx" in _file_of(tmp_path).read_bytes(), tmp_path)
+        _publish(publishers, 100)
+        _wait_until_delivered(publishers)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=PATIENCE_S) == 0, _said(tmp_path)
+        bag = read_bag(_only_bag(tmp_path))
+        assert bag.losses == ()
+        assert bag.metadata == _metadata_of(tmp_path)
+        assert bag.metadata["mapping"] == "schema: lab\n"
+        assert "max_age_ms: 10.0" in bag.metadata["bridge_parameters"]
+        told = yaml.safe_load(bag.metadata["controller_parameters"])
+        if attached:
+            assert told == {"mine": 1}
+        else:
+            assert told["controller"]["ros__parameters"]["kx"] == [40.0, 30.0]
+        shutil.rmtree(_only_bag(tmp_path))
+
+
+@pytest.mark.ros
+def test_a_mapping_that_is_gone_is_said_and_it_is_recorded(tmp_path, running, recorder) -> None:
+    running("can_bridge", {"mapping": str(tmp_path / "gone.yaml")})
+    process = recorder()
+    _wait_for(lambda: "gone.yaml: cannot be attached" in _said(tmp_path), tmp_path)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=PATIENCE_S) == 0, _said(tmp_path)
+    assert {"mapping", "controller_parameters"}.isdisjoint(_metadata_of(tmp_path))
+
+
+def _file_of(folder: Path) -> Path:
+    (file,) = _only_bag(folder).glob("*.mcap")
+    return file
+
+
+def _metadata_of(folder: Path) -> dict[str, str]:
+    text = (_only_bag(folder) / "metadata.yaml").read_text()
+    told: dict[str, str] = yaml.safe_load(text)["rosbag2_bagfile_information"]["custom_data"]
+    return told
 
 
 @pytest.mark.ros

@@ -33,12 +33,12 @@ def project_metadata(robot: Robot, note: str, attachments: Sequence[str]) -> dic
     """
     metadata = {"robot": robot.name, "software": software_version(), "note": note}
     if robot.source is not None:
-        metadata["robot_file"] = _text_of(robot.source)
+        metadata["robot_file"] = text_of(robot.source)
     for attachment in attachments:
         key, _, file = attachment.partition("=")
         if not key or not file:
             raise BagError(f"expected --attach KEY=FILE, found '{attachment}'")
-        metadata[key] = _text_of(Path(file))
+        metadata[key] = text_of(Path(file))
     return metadata
 
 
@@ -50,7 +50,22 @@ def software_version() -> str:
         return "hydro_ident unknown"
 
 
-def _text_of(path: Path) -> str:
+def text_of(path: Path) -> str:
+    """A text file that is to be kept in a bag.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    BagError
+        It is too large, no text, or cannot be read.
+    """
     try:
         if path.stat().st_size > _MAX_ATTACHMENT_BYTES:
             raise BagError(f"{path}: larger than {_MAX_ATTACHMENT_BYTES} bytes")

@@ -26,6 +26,7 @@ from hydro_ident.bag.recorder_summary import (
     summary_dict,
 )
 from hydro_ident.bag.recorder_topics import check_topic, wanted_topics
+from hydro_ident.bag.running_nodes import RunningNodes
 from hydro_ident.bag.signals import stop_on_signals
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import IdentError
@@ -125,10 +126,11 @@ def _record(
 ) -> None:
     stream = sys.stderr if json_file == STDOUT else sys.stdout
     started = time.monotonic()
+    nodes = RunningNodes(writer.metadata)
     try:
         recorder = Recorder(writer, topics, stream)
         _tell(f"recording {len(topics)} topics to {writer.directory}", stream)
-        recorder.spin(stop)
+        recorder.spin(stop, nodes)
         writer.close()
     except OSError as error:
         writer.abandon()
@@ -137,6 +139,7 @@ def _record(
             f" {error.strerror}; what was written before is readable"
         ) from error
     finally:
+        nodes.close()
         writer.close()
     seconds = time.monotonic() - started
     _tell(summary(writer, recorder.lost, seconds), stream)
@@ -198,12 +201,14 @@ class Recorder:
             self._sources.append(_Source(topic, message_type, message_class, hot))
         self._wait = HotWait(self._node, *(source.hot for source in self._sources))
 
-    def spin(self, stop: Sequence[bool]) -> None:
+    def spin(self, stop: Sequence[bool], nodes: RunningNodes) -> None:
         """Record until `stop` is no longer empty; what has arrived by then is kept.
 
         Parameters
         ----------
         stop : sequence
+        nodes : RunningNodes
+            What they say of themselves is kept, too.
         """
         while not stop:
             if self._wait.wait(_WAKE_S):
@@ -213,6 +218,8 @@ class Recorder:
                 self._writer.flush_older_than(time.time_ns())
                 self._say_silent()
             self._say_slow()
+            if learnt := nodes.learnt():
+                self._writer.add_metadata(learnt)
         self._drain(RECORDER_DEPTH, time.time_ns())
 
     def _say_silent(self) -> None:

@@ -106,6 +106,22 @@ class BagWriter:
         """Messages written per topic."""
         return {record.topic: record.count for record in self._topics.values()}
 
+    @property
+    def metadata(self) -> dict[str, str]:
+        """What is kept beside the messages."""
+        return dict(self._metadata)
+
+    def add_metadata(self, more: Mapping[str, str]) -> None:
+        """Keep more beside the messages: in a record of its own, and in what is written later.
+
+        Parameters
+        ----------
+        more : mapping of str to str
+        """
+        self._metadata |= more
+        self._writer.add_metadata(PROJECT_METADATA, dict(more))
+        self._stream.flush()
+
     def add_topic(
         self,
         topic: str,
