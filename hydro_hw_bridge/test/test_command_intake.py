@@ -86,6 +86,48 @@ def test_commands_of_two_publishers_end_driving(real_time: Any, numbers: tuple[i
     assert real_time.core.commands.accepted == 2
 
 
+@pytest.mark.parametrize(
+    ("names", "volts", "made_up_ns", "own"),
+    [
+        (LIMITS.valve_names, math.nan, 0, "lift_valve: command is not finite (nan)"),
+        (LIMITS.valve_names, 99.0, 0, "lift_valve: command of 99.000 V (rated 10 V)"),
+        (("lift_valve", "grab"), 1.0, 0, "command for valves lift_valve, grab with 2 voltages"),
+        (LIMITS.valve_names, 1.0, 1, "command with a stamp that is of no complete cycle"),
+    ],
+)
+def test_what_is_wrong_with_a_second_publishers_command_is_said_first(
+    real_time: Any, names: tuple[str, ...], volts: float, made_up_ns: int, own: str
+) -> None:
+    """Who is told of a second controller alone looks for one, and not for what it sends."""
+    real_time.drive()
+    zero = real_time.core.clock.zero_stamp_ns
+    for counter in (2, 3):
+        real_time.cycle(counter)
+        stamp_ns = zero + counter * PERIOD
+        real_time.core.command(stamp_ns, LIMITS.valve_names, (1.0, 0.0), 1000 + counter)
+    real_time.core.command(stamp_ns + made_up_ns, names, (volts, 0.0), 1)
+    reason = real_time.core.gate.reason
+    assert reason.startswith(own)
+    assert reason.endswith("; commands of two publishers: is there a second controller?")
+    assert real_time.core.commands.denied == 1
+
+
+def test_an_old_duplicate_of_the_same_publisher_does_no_harm(real_time: Any) -> None:
+    """A second one's, which its number tells, ends driving."""
+    real_time.drive()
+    zero = real_time.core.clock.zero_stamp_ns
+    for counter in (2, 3, 4):
+        real_time.cycle(counter)
+        volts = (0.1 * counter, 0.0)
+        stamp_ns = zero + counter * PERIOD
+        real_time.core.command(stamp_ns, LIMITS.valve_names, volts, 1000 + 2 * counter)
+        again = stamp_ns - PERIOD, LIMITS.valve_names, (0.1 * (counter - 1), 0.0)
+        real_time.core.command(*again, 1001 + 2 * counter)
+    assert real_time.core.gate.state is GateState.DRIVING
+    real_time.core.command(*again, 1)
+    assert real_time.core.gate.reason.startswith("commands of two publishers")
+
+
 def test_a_publisher_that_starts_anew_while_nothing_is_driven_is_one(real_time: Any) -> None:
     real_time.core.activate(ready=True)
     zero = real_time.core.clock.zero_stamp_ns or 0

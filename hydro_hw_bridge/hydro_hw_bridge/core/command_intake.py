@@ -73,8 +73,7 @@ class CommandIntake:
             Of the sample that it answers; None where there was no such sample.
         """
         counter = self._answerable(stamp_ns)
-        self._look_at_number(number)
-        outcome = self._gate.command(counter, names, voltages)
+        outcome = self._gate.command(counter, names, voltages, self._second(number))
         name = outcome.value
         setattr(self.counters, name, getattr(self.counters, name) + 1)
         return outcome, counter
@@ -88,10 +87,11 @@ class CommandIntake:
         outdated = counter is not None and counter < self._whole[0]
         return counter if outdated or counter in self._whole else None
 
-    def _look_at_number(self, number: int | None) -> None:
-        """One publisher counts its messages up; two count in turns."""
+    def _second(self, number: int | None) -> str:
+        """Why a command is of a second publisher: one counts its messages up, two in turns."""
         last, self._number = self._number, number
         if number is None or last is None or number > last:
-            return
-        if self._gate.state is GateState.DRIVING:
-            self._gate.trip("commands of two publishers: is there a second controller?")
+            return ""
+        if self._gate.state is not GateState.DRIVING:
+            return ""  # one that began anew while nothing is driven
+        return "commands of two publishers: is there a second controller?"

@@ -208,7 +208,11 @@ class Gate:
                 self.trip(reason)
 
     def command(
-        self, counter: int | None, names: Sequence[str], voltages: Sequence[float]
+        self,
+        counter: int | None,
+        names: Sequence[str],
+        voltages: Sequence[float],
+        sender: str = "",
     ) -> Outcome:
         """Judge one command.
 
@@ -221,6 +225,9 @@ class Gate:
             Valves, in any order, each once.
         voltages : sequence of float
             V.
+        sender : str, optional
+            What is wrong with who sends it: nothing is driven by it. Said behind what is wrong
+            with the command itself.
 
         Returns
         -------
@@ -234,9 +241,9 @@ class Gate:
         if self.state is GateState.TRIPPED:
             return Outcome.DENIED
         if counter is None or self._newest is None or counter > self._newest:
-            return self._deny("command with a stamp that is of no complete cycle")
-        if defect:
-            return self._deny(defect)  # whichever cycle it answers: who sends it is not sound
+            defect = "command with a stamp that is of no complete cycle"
+        if defect or sender:  # whichever cycle it answers: who sends it is not sound
+            return self._deny("; ".join(filter(None, (defect, sender))))
         if counter < self._first:
             return Outcome.OUTDATED
         if self.state is GateState.DRIVING and counter <= self._accepted:
