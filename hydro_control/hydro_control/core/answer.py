@@ -32,9 +32,9 @@ class Counts:
     ----------
     answered, repeated, missed, old, faults, refused, withheld, not_followed : int
         Stamps answered; repeats of the newest stamp; stamps that never came; stamps older than
-        the newest; samples answered by 0 V because of a value; references refused; stamps at
-        which the valves got 0 V instead of the command; motions dropped as the arm did not
-        follow.
+        the newest; samples answered by 0 V because of a value, of one shortly before, or of what
+        is latched; references refused; stamps at which the valves got 0 V instead of the
+        command; motions dropped as the arm did not follow.
     """
 
     answered: int = 0

@@ -6,7 +6,7 @@ to it again gives the same answers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from hydro_control.gains import Gains
 from hydro_control.law.law import ControlLaw
 from hydro_control.law.output import Output
 from hydro_control.monitoring.applied import AppliedWatch
+from hydro_control.monitoring.bad_samples import BadSampleWatch
 from hydro_control.monitoring.following_error import FollowingLimits, FollowingWatch
 from hydro_control.monitoring.runaway import RunawayLimits, RunawayWatch
 from hydro_control.monitoring.stamps import StampWatch
@@ -33,7 +34,7 @@ from hydro_model.robot import FloatArray, Robot
 __all__ = ["Answer", "ControllerCore", "Counts", "Sample"]
 
 _SECOND_NS = 1_000_000_000
-_WITHHELD = "the valves do not get the commands: staying with the robot's pose"
+_WITHHELD = "the valves do not get the commands"
 
 
 @dataclass
@@ -94,6 +95,7 @@ class ControllerCore:
         self._watch = AppliedWatch(np.array([v.rated_voltage_v for v in self.robot.valves]))
         self._runaway = RunawayWatch(self.robot, self.law.limits, self.runaway, self.law.dt_s)
         self._following = FollowingWatch(self.robot, self.following)
+        self._bad = BadSampleWatch()
         own = None
         if self.path is not None:
             own = OwnPath(self.law.robot, self.path, self.start_delay_s, self.tip_speed_m_s)
@@ -132,11 +134,10 @@ class ControllerCore:
         sample = self._sensors.corrected(sample)
         gauge = sample.gauge(self.robot)
         reference = self._reference(sample)
-        now_s = 0.0 if self._run is None else self._run.now_s
         if fault := self._fault:
             output = self.law.stopped(sample.q, reference, fault)
         else:
-            output = self.law.step(now_s, sample.q, *gauge, reference, self._ahead())
+            output = self._driven(sample, gauge, reference)
             self._look_behind(sample.q, output)
         self._count(sample.stamp_ns, output)
         moving = any(reference.velocity.tolist())
@@ -150,6 +151,23 @@ class ControllerCore:
         """Whether a stamp is the newest one, or of no later instant as far as seconds tell."""
         run = self._run
         return stamp_ns == last.stamp_ns or (run is not None and not run.is_later(stamp_ns))
+
+    def _driven(
+        self,
+        sample: Sample,
+        gauge: tuple[FloatArray, FloatArray, float, float],
+        reference: Reference,
+    ) -> Output:
+        """The law's answer; its valves stay shut for a while after a sample that has none."""
+        run, bad = self._run, self._bad
+        now_s = 0.0 if run is None else run.now_s
+        output = self.law.step(
+            now_s, sample.q, *gauge, reference, self._ahead(), shut=bool(bad.shut)
+        )
+        # Before the first good sample nothing was driven, and nothing begins anew.
+        if run is not None and (why := bad.judge(sample.stamp_ns, output.fault)):
+            return replace(output, fault=why)
+        return output
 
     def _reference(self, sample: Sample) -> Reference:
         """The reference at a sample; one that is not finite starts nothing and is none seen."""
@@ -167,14 +185,20 @@ class ControllerCore:
             since_s = run.see(sample.q)
             self._guard(run)
         if self._watch.withheld:
-            if run.follow(moved=self._watch.moved):
-                self.requests.message = _WITHHELD
-        elif run.following:
+            if run.follow(_WITHHELD, moved=self._watch.moved):
+                self.requests.message = f"{_WITHHELD}: staying with the robot's pose"
+        elif self._bad.shut:
+            why = f"a sample could not be answered: {self._bad.found}"
+            run.follow(why, moved=run.moved)
+        elif run.following == _WITHHELD:
             self.requests.message = ""
             self.requests.resume(run, "the valves did not get the commands")
+        elif run.following:
+            self.requests.resume(run, run.following)
         elif self._stamps.is_gap(run.now_s - since_s):
-            run.follow(moved=run.moved, since_s=since_s)
-            self.requests.resume(run, f"no usable sample came for {run.now_s - since_s:.3f} s")
+            why = f"no usable sample came for {run.now_s - since_s:.3f} s"
+            run.follow(why, moved=run.moved, since_s=since_s)
+            self.requests.resume(run, why)
         return self.requests.reference(run)
 
     def _guard(self, run: ReferenceRun) -> None:
@@ -242,6 +266,7 @@ class ControllerCore:
         self._watch.clear()
         self._runaway.forget()
         self._following.forget()
+        self._bad.forget()
         self._stamps.forget()
 
     def request_adaptation_reset(self) -> None:
@@ -297,4 +322,5 @@ class ControllerCore:
     @property
     def _fault(self) -> str:
         """Why the valves are at 0 V until `restart`; empty where they are not."""
-        return self._following.fault or self._runaway.fault or self._stamps.other_rate
+        watches = self._following.fault or self._runaway.fault or self._bad.fault
+        return watches or self._stamps.other_rate

@@ -126,7 +126,7 @@ class MotionRequests:
         why : str
             They had none.
         """
-        run.following = False
+        run.following = ""
         if run.anew:
             self._play_own(run)
         elif run.dropped:

@@ -162,6 +162,8 @@ class ControlLaw:
         p_t: float,
         reference: Reference,
         ahead: Reference | None = None,
+        *,
+        shut: bool = False,
     ) -> Output:
         """Answer one sample.
 
@@ -179,6 +181,8 @@ class ControlLaw:
         ahead : Reference, optional
             The reference `lead_s` later. Given it, the required quantities are those of that
             instant, for the state predicted for it; `q_d`, `qd_d` and `tip_d_m` are the sample's.
+        shut : bool, optional
+            Take the sample in, and keep the valves at 0 V.
 
         Returns
         -------
@@ -203,7 +207,7 @@ class ControlLaw:
         flow_term, signal, voltage_v, limits = self._answered(sample, oil, steps)
         if fault := not_finite_answer(flow_term, signal, voltage_v):
             return self.stopped(q, reference, fault)
-        self._voltage_v = voltage_v
+        self._voltage_v = voltage_v = np.zeros_like(voltage_v) if shut else voltage_v
         if self.adaptation is not None:
             self.adaptation.observe(q, oil.pressures, p_s, p_t, voltage_v, steps)
         return Output(

@@ -120,7 +120,7 @@ def _refuse_overtaken(standing: Standing) -> None:
 def _refuse_occupied(run: ReferenceRun) -> None:
     """Refuse where nothing is driven, or another motion comes first."""
     if run.following:
-        raise ControlError("the valves do not get the commands")
+        raise ControlError(run.following)
     if run.path_waits:
         raise ControlError(
             "the controller's own path is being checked: wait, or stop it with an empty"

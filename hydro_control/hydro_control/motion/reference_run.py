@@ -89,8 +89,9 @@ class ReferenceRun:
         To come to rest at the next sample.
     stops : int
         Stops asked for so far: what was asked for before one is not played after it.
-    following : bool
-        Commands are withheld: the reference stays with the robot.
+    following : str
+        Why commands have no effect, and the reference stays with the robot; empty where it does
+        not.
     dropped : bool
         Something was played, or was to be, when that began.
     of_path : bool
@@ -120,7 +121,7 @@ class ReferenceRun:
     caught: int = 0
     stop: bool = False
     stops: int = 0
-    following: bool = False
+    following: str = ""
     dropped: bool = False
     of_path: bool = False
     path_waits: bool = False
@@ -251,11 +252,13 @@ class ReferenceRun:
         self.pending, self.path_waits = None, False
         return waited
 
-    def follow(self, *, moved: bool, since_s: float | None = None) -> bool:
+    def follow(self, why: str, *, moved: bool, since_s: float | None = None) -> bool:
         """Commands have no effect: stay with the robot, wherever it goes.
 
         Parameters
         ----------
+        why : str
+            They have none. Of several reasons at once the first is kept.
         moved : bool
             Something of what is played was driven.
         since_s : float, optional
@@ -269,7 +272,7 @@ class ReferenceRun:
         if self.following:
             self.hold()
             return False
-        self.following = True
+        self.following = why
         moving = self.player.moving(self.now_s if since_s is None else since_s)
         waits = self.path_waits
         self.anew = ((moving and self.of_path) or waits) and not moved

@@ -150,6 +150,11 @@ TARGETS: tuple[Target, ...] = (
         ("hydro_control/test/test_following_error.py",),
     ),
     Target(
+        "bad_samples",
+        "hydro_control.monitoring.bad_samples",
+        ("hydro_control/test/test_bad_sample_watch.py",),
+    ),
+    Target(
         "doubtful", "hydro_control.compensation.doubtful", ("hydro_control/test/test_doubtful.py",)
     ),
     Target("stamps", "hydro_control.monitoring.stamps", ("hydro_control/test/test_stamps.py",)),
