@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 from hydro_control.law.output import Output
@@ -45,3 +46,39 @@ class Counts:
     refused: int = 0
     withheld: int = 0
     not_followed: int = 0
+
+
+class Untold:
+    """The newest fault, and the newest notes, until somebody took them to be told.
+
+    Who looks now and then would miss what is over by then. One thread adds, another takes.
+    """
+
+    def __init__(self) -> None:
+        self._faults: deque[str] = deque(maxlen=1)
+        self._notes: deque[tuple[str, ...]] = deque(maxlen=1)
+
+    def add(self, output: Output) -> None:
+        """A sample was answered.
+
+        Parameters
+        ----------
+        output : Output
+        """
+        if output.fault:
+            self._faults.append(output.fault)
+        if output.notes:
+            self._notes.append(output.notes)
+
+    def take(self) -> tuple[str, tuple[str, ...]]:
+        """What was added since it was taken last.
+
+        Returns
+        -------
+        fault : str
+        notes : tuple of str
+            Empty where there was none.
+        """
+        # Its length tells that there is one: nobody else takes any.
+        fault = self._faults.pop() if self._faults else ""
+        return fault, self._notes.pop() if self._notes else ()

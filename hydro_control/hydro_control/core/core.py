@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hydro_control.adaptation.adaptation_settings import AdaptationSettings
-from hydro_control.core.answer import Answer, Counts
+from hydro_control.core.answer import Answer, Counts, Untold
 from hydro_control.core.motion_requests import MotionRequests, OwnPath
 from hydro_control.core.warm_up import warm_up
 from hydro_control.errors import ControlError
@@ -44,7 +44,8 @@ class ControllerCore:
     Listed effects of instruments are taken off every sample before anything looks at it: the
     reference, and what is published of it, are in true positions.
 
-    `counts` is what the core says of itself: it starts empty. Motions are asked of `requests`.
+    `counts` and `untold` are what the core says of itself: they start empty. Motions are asked of
+    `requests`.
 
     Parameters
     ----------
@@ -85,6 +86,7 @@ class ControllerCore:
     following: FollowingLimits = field(default_factory=FollowingLimits)
     checks_beside: bool = False
     counts: Counts = field(default_factory=Counts)
+    untold: Untold = field(default_factory=Untold)
 
     def __post_init__(self) -> None:
         self.law = ControlLaw(self.robot, self.gains, None, self.adaptation, self.tip_speed_m_s)
@@ -235,6 +237,7 @@ class ControllerCore:
             self.counts.missed += max(0, round(apart_s / self.law.dt_s) - 1)
         self.counts.answered += 1
         self.counts.faults += bool(output.fault)
+        self.untold.add(output)
 
     def applied(self, stamp_ns: int, voltage_v: FloatArray) -> None:
         """What the valves got at a stamp; changes nothing as long as that was the command.
@@ -262,6 +265,7 @@ class ControllerCore:
             self.law.adaptation.reset()
         self.requests.forget()
         self._last = None
+        self.untold.take()
         self._adaptation_reset = False
         self._watch.clear()
         self._runaway.forget()

@@ -187,20 +187,23 @@ class ControllerNode(LifecycleNode):
             self._path_check.start()
 
     def _status(self) -> tuple[bytes, str]:
+        """What is to be said: of faults and notes those since the last look, too."""
         if not self._active or self._hot is None:
             return OK, topics.IDLE[0] if self._hot is not None else topics.IDLE[1]
         if self._core.silent:
             return ERROR, self._core.silent
-        last = self._core.last
+        fault, notes = self._core.untold.take()
+        if (last := self._core.last) is not None:
+            fault, notes = last.output.fault or fault, last.output.notes or notes
         _, lacking = self._hot.malformed
-        if last is not None and last.output.fault:
-            return ERROR, f"0 V: {last.output.fault}"
+        if fault:
+            return ERROR, f"0 V: {fault}"
         if lacking:
             return ERROR, lacking
         if self._core.message:
             return WARN, self._core.message
-        if last is not None and last.output.notes:
-            return WARN, f"{self._hot.state}; {'; '.join(last.output.notes)}"
+        if notes:
+            return WARN, f"{self._hot.state}; {'; '.join(notes)}"
         if self._odd_gains:
             return WARN, f"{self._hot.state}; {self._odd_gains}"
         return OK, self._hot.state
