@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from heapq import merge
 from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
+from hydro_ident.bag.arrivals import LATE_S
 from hydro_ident.bag.mcap_types import Channel, unchecked
 from hydro_ident.bag.reader import files_of, no_message
 from hydro_model.command_line.terminal import advance
@@ -42,11 +44,14 @@ class Contents:
         Everything that could not be read, in words; empty for a sound bag.
     unchecked : tuple of str
         What is under no checksum, in a line; empty where every message is under one.
+    apart : bool
+        Topics do not lie side by side, as of a script that writes one after the other.
     """
 
     topics: tuple[PlayedTopic, ...]
     damage: tuple[str, ...]
     unchecked: tuple[str, ...]
+    apart: bool = False
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -72,11 +77,13 @@ def contents_of(path: str | Path) -> Contents:
     """
     files, notes, _ = files_of(Path(path))
     found: dict[str, PlayedTopic] = {}
+    side_by_side = _SideBySide()
     for number, file in enumerate(files, 1):
         for block in file.blocks():
             what = f"looking at file {number} of {len(files)}"
             advance(what, file.health.read_bytes, file.health.size_bytes)
             first, last = int(block.log_ns.min()), int(block.log_ns.max())
+            side_by_side.add(block.data, first, last)
             one = found.get(block.channel.topic)
             if one is not None:
                 first, last = min(first, one.first_ns), max(last, one.last_ns)
@@ -86,10 +93,48 @@ def contents_of(path: str | Path) -> Contents:
         raise no_message(Path(path), notes)
     in_order = tuple(found[topic] for topic in sorted(found))
     healths = [file.health for file in files]
-    return Contents(in_order, tuple(dict.fromkeys(notes)), unchecked(healths))
+    damage = tuple(dict.fromkeys(notes))
+    return Contents(in_order, damage, unchecked(healths), not side_by_side.so_far)
 
 
-def messages(path: str | Path) -> Iterator[tuple[Channel, int, bytes]]:
+@dataclass(slots=True)
+class _SideBySide:
+    """Whether no buffer holds messages that are far older than those of buffers before."""
+
+    so_far: bool = True
+    _buffer: bytes = b""
+    _newest_ns: int | None = None
+    _before_ns: int | None = None
+
+    def add(self, data: bytes, first_ns: int, last_ns: int) -> None:
+        """Take in the span of times of a block in the buffer `data`."""
+        if data is not self._buffer:
+            self._buffer, self._before_ns = data, self._newest_ns
+        if self._before_ns is not None and first_ns < self._before_ns - round(LATE_S * 1e9):
+            self.so_far = False
+        self._newest_ns = last_ns if self._newest_ns is None else max(self._newest_ns, last_ns)
+
+
+def messages_in_order(
+    path: str | Path, contents: Contents
+) -> Iterator[tuple[Channel, int, bytes]]:
+    """As `messages`, of topics that do not lie side by side by time of reception all the same.
+
+    Each of them is read on its own then, so that memory stays flat.
+
+    Parameters
+    ----------
+    path : str or Path
+    contents : Contents
+        Of that bag.
+    """
+    if not contents.apart:
+        return messages(path)
+    apart = (messages(path, topic.channel.topic) for topic in contents.topics)
+    return merge(*apart, key=lambda message: message[1])
+
+
+def messages(path: str | Path, topic: str | None = None) -> Iterator[tuple[Channel, int, bytes]]:
     """The raw messages of a bag, by time of reception within each chunk.
 
     What cannot be read is left out; `contents_of` says it.
@@ -97,6 +142,8 @@ def messages(path: str | Path) -> Iterator[tuple[Channel, int, bytes]]:
     Parameters
     ----------
     path : str or Path
+    topic : str, optional
+        Those of this topic only.
 
     Yields
     ------
@@ -109,7 +156,9 @@ def messages(path: str | Path) -> Iterator[tuple[Channel, int, bytes]]:
     for file in files:
         # Blocks of one buffer come one after the other.
         for _, group in groupby(file.blocks(), key=lambda block: id(block.data)):
-            blocks = list(group)
+            blocks = [b for b in group if topic is None or b.channel.topic == topic]
+            if not blocks:
+                continue
             log_ns = np.concatenate([block.log_ns for block in blocks])
             of_block = np.repeat(np.arange(len(blocks)), [len(block.offset) for block in blocks])
             begins = np.concatenate([block.offset for block in blocks])

@@ -15,7 +15,7 @@ from typing import Any
 
 from hydro_ident.bag.definitions import message_class_of
 from hydro_ident.bag.mcap_types import Channel
-from hydro_ident.bag.playback import contents_of, messages
+from hydro_ident.bag.playback import Contents, contents_of, messages_in_order
 from hydro_ident.bag.signals import stop_on_signals
 from hydro_ident.errors import BagError
 from hydro_model.command_line.command import Parser, run_command, warn
@@ -92,7 +92,7 @@ def _run(arguments: Sequence[str]) -> int:
             _sleep(options.delay, stop)
             with progress_bar():
                 while not stop:
-                    player.play(options.bag, options.rate, stop, Position(span_s))
+                    player.play(options.bag, contents, options.rate, stop, Position(span_s))
                     if not options.loop:
                         break
             player.finish()
@@ -224,12 +224,16 @@ class Player:
         """Messages published."""
         return sum(self.counts.values())
 
-    def play(self, bag: Path, rate: float, stop: Sequence[bool], position: Position) -> None:
+    def play(
+        self, bag: Path, contents: Contents, rate: float, stop: Sequence[bool], position: Position
+    ) -> None:
         """Publish every message once, at its time.
 
         Parameters
         ----------
         bag : Path
+        contents : Contents
+            Of that bag.
         rate : float
         stop : sequence
             Ends early once it is no longer empty.
@@ -241,7 +245,7 @@ class Player:
         def waiting() -> None:
             position.tell(rate * (time.monotonic() - begin_s))
 
-        for channel, log_ns, data in messages(bag):
+        for channel, log_ns, data in messages_in_order(bag, contents):
             publisher = self._publishers.get(channel.topic)
             if publisher is None:
                 continue

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hydro_ident.bag.arrivals import LATE_S, Arrivals, arrivals_of, is_joined
 from hydro_ident.bag.decoder import Decoder
 from hydro_ident.bag.grid import runs
 from hydro_ident.bag.mcap_types import FileHealth
@@ -32,14 +33,12 @@ from hydro_ident.bag.series import Series
 from hydro_ident.bag.window import joined
 from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import IntArray
-from hydro_msgs_docs.topics import DIAGNOSTICS, JOINT_STATES
+from hydro_msgs_docs.topics import CHAMBER_PRESSURES, DIAGNOSTICS, JOINT_STATES
 
 #: Cycles on either side of a core. The slowest filter (10 Hz, fourth order) forgets a sample to
 #: 1e-21 within it.
 OVERLAP_S = 2.0
 PIECE_S = 60.0
-#: Messages may be this late behind the newest `/joint_states` and still find their cycle.
-_LATE_S = 1.0
 _TOPICS = tuple(topic for topic in RECORDING_TOPICS if topic != DIAGNOSTICS)
 
 
@@ -124,6 +123,9 @@ class _Reader:
     period_s: float = 0.0
     latched: bool = False
     earlier: Earlier = field(default_factory=Earlier)
+    #: What is still to come, known from the first possible cut on, and blocks of it so far.
+    arrivals: Arrivals | None = None
+    joined_blocks: int = 0
 
     def __post_init__(self) -> None:
         self.decoder = Decoder(self.path, self.notes, diagnostics=False)
@@ -136,8 +138,9 @@ class _Reader:
                 count_block(self.infos, block)
                 if block.channel.topic in _TOPICS:
                     self.decoder.add(block)
-                if block.channel.topic == JOINT_STATES and self._enough():
-                    yield from self._cut(last=False)
+                    self.joined_blocks += is_joined(block)
+                    if self._enough():
+                        yield from self._cut(last=False)
             self.metadata.update(file.metadata.get(PROJECT_METADATA, {}))
             self.notes += file.health.told
             self.healths.append(file.health)
@@ -146,14 +149,21 @@ class _Reader:
         yield from self._cut(last=True)
 
     def _enough(self) -> bool:
-        """Whether the messages read fill a core, its overlap, and what may still be late."""
+        """Whether the messages read fill a core and its overlap, to which nothing will come."""
         builder = self.decoder.builders.get(JOINT_STATES)
         first, last = (-1, -1) if builder is None else builder.stamp_span_ns
         if first < 0:
             return False
         begin = self.core_ns if self.begun else first
-        late = round(_LATE_S * 1e9)
-        return last - begin > self.piece_ns + self.overlap_ns + late
+        least = begin + self.piece_ns + self.overlap_ns
+        if last <= least:
+            return False
+        if self.arrivals is None:
+            # What is shorter than a piece is never looked through.
+            self.arrivals = arrivals_of(self.path)
+        there = {*self.kept, *self.decoder.builders}
+        pressures = CHAMBER_PRESSURES in there or not self.arrivals.pressures
+        return pressures and self.arrivals.oldest_ns(self.joined_blocks) > least
 
     def _cut(self, last: bool) -> Iterator[Piece]:
         """Turn what was read into pieces, keeping what the next one overlaps."""
@@ -167,7 +177,9 @@ class _Reader:
             if not self.begun:
                 self.begun = True
                 self.start_ns = self.core_ns = int(stamps[0])
-            safe_ns = int(stamps[-1]) - (0 if last else round(_LATE_S * 1e9))
+            safe_ns = int(stamps[-1])
+            if not last and self.arrivals is not None:
+                safe_ns = min(safe_ns, self.arrivals.oldest_ns(self.joined_blocks) - 1)
             self._pass_over(stamps, safe_ns)
             end_ns = self.core_ns + self.piece_ns
             # What would be left must be longer than the overlap, or the last core takes it.
@@ -180,7 +192,7 @@ class _Reader:
             self.core_ns = end_ns
         # The last cycle before the core stays however old it is: a gap has two ends.
         before = int(np.searchsorted(stamps, self.core_ns)) - 1
-        kept_ns = self.core_ns - self.overlap_ns - round(_LATE_S * 1e9)
+        kept_ns = self.core_ns - self.overlap_ns - round(LATE_S * 1e9)
         self._forget(min(kept_ns, int(stamps[max(before, 0)])))
 
     def _pass_over(self, stamp_ns: IntArray, safe_ns: int) -> None:

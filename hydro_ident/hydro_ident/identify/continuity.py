@@ -75,15 +75,18 @@ class Continuity:
 
 
 def _sensors(recording: Recording) -> Iterator[tuple[str, FloatArray]]:
-    """Readings of force and position by sensor."""
+    """Readings of force and position by sensor; none in what this part of it does not have."""
     robot = recording.robot
-    joints = ((recording.q, "position"), (recording.effort, "effort"))
-    for values, kind in joints:
-        if values is not None:
-            yield from zip((f"{n} {kind}" for n in robot.joint_names), values.T, strict=True)
-    for side, values in (("a", recording.p_a), ("b", recording.p_b)):
-        if values is not None:
-            yield from zip((f"{c.name}/{side}" for c in robot.cylinders), values.T, strict=True)
+    joints, cylinders = robot.joint_names, [c.name for c in robot.cylinders]
+    for names, values, kind in (
+        (joints, recording.q, " position"),
+        (joints, recording.effort, " effort"),
+        (cylinders, recording.p_a, "/a"),
+        (cylinders, recording.p_b, "/b"),
+    ):
+        nothing = np.full((len(recording), len(names)), np.nan)
+        columns = nothing if values is None else values
+        yield from zip((f"{name}{kind}" for name in names), columns.T, strict=True)
 
 
 def partly_read(continuities: Sequence[Continuity]) -> tuple[str, str] | None:

@@ -1,0 +1,142 @@
+"""What is still to come of a bag behind each block of its messages: how far it may be cut.
+
+A script that writes one topic after the other closes a bag in which the last topic's first
+message lies behind all others. Only the whole file tells: it is read through once for its stamps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from hydro_ident.bag.aligned import TYPES
+from hydro_ident.bag.mcap_types import MessageBlock
+from hydro_ident.bag.reader import files_of
+from hydro_msgs_docs.cdr import HEADER_BYTES, IntArray, header_stamps_ns
+from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_STATES
+
+#: A message that is further behind the newest of its topic is late.
+LATE_S = 1.0
+#: Of a topic of which fewer are late, nothing waits for them: strays, or stamps that changed.
+_STRAYS = 0.01
+_NOTHING_NS = int(np.iinfo(np.int64).max)
+
+
+@dataclass(frozen=True, slots=True)
+class Arrivals:
+    """Stamps of a bag in the order in which they come.
+
+    Attributes
+    ----------
+    coming_ns : (K + 1,) int64 array
+        After so many blocks that `is_joined` takes: the oldest stamp still to come that may be
+        that of a cycle.
+    pressures : bool
+        There are messages of `/chamber_pressures`.
+    """
+
+    coming_ns: IntArray
+    pressures: bool
+
+    def oldest_ns(self, blocks: int) -> int:
+        """The oldest stamp still to come.
+
+        Parameters
+        ----------
+        blocks : int
+            Taken in so far, of those that `is_joined` takes.
+        """
+        return int(self.coming_ns[min(blocks, len(self.coming_ns) - 1)])
+
+
+def is_joined(block: MessageBlock) -> bool:
+    """Whether the messages of a block become columns of a recording."""
+    channel = block.channel
+    return TYPES.get(channel.topic) == channel.message_type and channel.encoding == "cdr"
+
+
+def arrivals_of(path: Path) -> Arrivals:
+    """Read a bag through for its stamps, once as long as its files stay the same.
+
+    Parameters
+    ----------
+    path : Path
+        rosbag2 directory or MCAP file.
+
+    Returns
+    -------
+    Arrivals
+
+    Raises
+    ------
+    BagError
+        As `read_bag`, of files that cannot be read.
+    """
+    states = [(f.path, f.path.stat()) for f in files_of(path)[0]]
+    return _looked_through(path, tuple((p, s.st_size, s.st_mtime_ns) for p, s in states))
+
+
+@dataclass(slots=True)
+class _Stamps:
+    """Of one topic."""
+
+    newest_ns: int | None = None
+    count: int = 0
+    late: int = 0
+    #: By number of the block: oldest of all, oldest of those that are not late, and newest.
+    blocks: list[tuple[int, int, int, int]] = field(default_factory=list)
+
+    def add(self, number: int, stamp_ns: IntArray) -> None:
+        if self.newest_ns is None:
+            self.newest_ns = int(stamp_ns[0])
+        so_far = np.maximum(np.maximum.accumulate(stamp_ns), self.newest_ns)
+        in_time = stamp_ns[stamp_ns >= so_far - round(LATE_S * 1e9)]
+        self.newest_ns = int(so_far[-1])
+        self.count += len(stamp_ns)
+        self.late += len(stamp_ns) - len(in_time)
+        oldest = int(in_time.min()) if len(in_time) else _NOTHING_NS
+        self.blocks.append((number, int(stamp_ns.min()), oldest, int(stamp_ns.max())))
+
+    def oldest(self) -> list[tuple[int, int, int]]:
+        """Per block its number, the oldest stamp that is waited for, and the newest."""
+        strays = self.late < _STRAYS * self.count
+        return [(n, in_time if strays else every, new) for n, every, in_time, new in self.blocks]
+
+
+@lru_cache(maxsize=32)
+def _looked_through(path: Path, states: tuple[tuple[Path, int, int], ...]) -> Arrivals:
+    """`states` are what tells whether the files of `path` are still the same."""
+    del states
+    topics: dict[str, _Stamps] = {}
+    count = 0
+    for file in files_of(path)[0]:
+        for block in file.blocks():
+            if not is_joined(block):
+                continue
+            stamps = _stamps_of(block)
+            if len(stamps):
+                topics.setdefault(block.channel.topic, _Stamps()).add(count, stamps)
+            count += 1
+    return Arrivals(_coming_ns(topics, count), CHAMBER_PRESSURES in topics)
+
+
+def _coming_ns(topics: dict[str, _Stamps], count: int) -> IntArray:
+    oldest: IntArray = np.full(count + 1, _NOTHING_NS, dtype=np.int64)
+    joints = topics[JOINT_STATES].oldest() if JOINT_STATES in topics else []
+    first = min((old for _, old, _ in joints), default=_NOTHING_NS)
+    for stamps in topics.values():
+        for number, old, newest in stamps.oldest():
+            # Stamps of another clock before all cycles are none of theirs.
+            if newest >= first:
+                oldest[number] = old
+    return np.minimum.accumulate(oldest[::-1])[::-1]
+
+
+def _stamps_of(block: MessageBlock) -> IntArray:
+    buffer = np.frombuffer(block.data, dtype=np.uint8)
+    there = block.offset[block.length >= HEADER_BYTES]
+    return header_stamps_ns(sliding_window_view(buffer, HEADER_BYTES)[there])
