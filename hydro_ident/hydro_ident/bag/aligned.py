@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.bag.grid import Topic, join
+from hydro_ident.bag.grid import Repeats, Topic, join
 from hydro_ident.bag.reader import TopicInfo
 from hydro_ident.bag.series import Series
 from hydro_ident.bag.valve_columns import valve_columns
@@ -44,6 +44,8 @@ TYPES = {
 }
 #: A valve topic with stamps of its own meets less than this share of the cycles, by chance.
 _MATCHED = 0.5
+#: A lockstep repeats messages now and then; more of them is a fault of what recorded.
+_FEW_REPEATED = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,10 +306,27 @@ class Meetings:
         return f"{how} stamp of {topic} is that of a cycle: record {topic} {mend}"
 
 
-def irregular(disordered: Mapping[str, int]) -> list[str]:
-    """In words, topics with messages out of order; by topic, how many are `disordered`."""
-    return [
-        f"{name}: {count} messages with a stamp older than the one before"
-        for name, count in disordered.items()
-        if count
-    ]
+def irregular(repeats: Mapping[str, Repeats]) -> list[str]:
+    """In words, topics with messages out of order or of stamps that had been there before.
+
+    Parameters
+    ----------
+    repeats : mapping of str to Repeats
+        By topic.
+    """
+    told = []
+    for name, one in repeats.items():
+        if one.disordered:
+            text = "messages with a stamp older than the one before"
+            told.append(f"{name}: {one.disordered} {text}")
+        if one.contradicted:
+            told.append(
+                f"{name}: {one.contradicted} of {one.messages} messages tell another value of what"
+                " a message of the same stamp had told: the first holds"
+            )
+        if one.duplicates > _FEW_REPEATED * one.messages:
+            told.append(
+                f"{name}: {one.duplicates} of {one.messages} messages left out: their stamps had"
+                " been there before"
+            )
+    return told

@@ -1,9 +1,13 @@
-"""Joining topics by stamp, each stamp once."""
+"""Joining topics by stamp, each stamp once.
+
+A cycle may come in several messages of one stamp, as of drivers that publish joint by joint: their
+entries are put together. Of an entry that comes twice the first message's value holds.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +16,36 @@ from hydro_ident.bag.series import Series
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Repeats:
+    """Messages of a topic with stamps that had been there before, or out of order.
+
+    Attributes
+    ----------
+    messages : int
+        Of all.
+    duplicates : int
+        Those whose stamp had been there before and that told nothing more.
+    contradicted : int
+        Those of another value for an entry that had been told at that stamp.
+    disordered : int
+        Those with a stamp older than that of a message before.
+    """
+
+    messages: int = 0
+    duplicates: int = 0
+    contradicted: int = 0
+    disordered: int = 0
+
+    def __add__(self, more: Repeats) -> Repeats:
+        return Repeats(
+            self.messages + more.messages,
+            self.duplicates + more.duplicates,
+            self.contradicted + more.contradicted,
+            self.disordered + more.disordered,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,32 +58,68 @@ class Topic:
     stamp_ns : (U,) int64 array
         Strictly increasing.
     row : (U,) int array
-        Row of `series` per stamp: the first message that carried it.
-    duplicates : int
-        Messages whose stamp had been there before.
-    disordered : int
-        Messages with a stamp older than that of a message before.
+        Row of `series` per stamp: the first message that carried it, with what others of that
+        stamp told besides.
+    repeats : Repeats
     """
 
     series: Series
     stamp_ns: IntArray
     row: IntArray
-    duplicates: int
-    disordered: int
+    repeats: Repeats = Repeats()
 
     @staticmethod
     def of(series: Series) -> Topic:
-        """Sort and thin out a series."""
-        stamp_ns, row = np.unique(series.stamp_ns, return_index=True)
+        """Sort a series and put together what has one stamp."""
+        stamp_ns, row, which = np.unique(series.stamp_ns, return_index=True, return_inverse=True)
         first = np.sort(row)
         ordered = series.stamp_ns[first]
         disordered = int(np.sum(ordered < np.maximum.accumulate(ordered)))
-        duplicates = len(series) - len(stamp_ns)
-        return Topic(series, stamp_ns, row.astype(np.int64), duplicates, disordered)
+        duplicates = contradicted = 0
+        if len(row) < len(series):
+            series, duplicates, contradicted = _put_together(series, row, which.reshape(-1))
+        repeats = Repeats(len(series), duplicates, contradicted, disordered)
+        return Topic(series, stamp_ns, row.astype(np.int64), repeats)
 
     def values(self, field: str) -> FloatArray:
         """A field in order of the stamps, (U, k)."""
         return self.series.fields[field][self.row]
+
+
+def _put_together(series: Series, row: IntArray, which: IntArray) -> tuple[Series, int, int]:
+    """Complete the first messages of stamps by what later ones of the same stamp tell.
+
+    Parameters
+    ----------
+    series : Series
+    row : (U,) int array
+        The first message of each stamp.
+    which : (N,) int array
+        The stamp of each message, by its number.
+
+    Returns
+    -------
+    series : Series
+    duplicates, contradicted : int
+        As of `Repeats`.
+    """
+    several = np.flatnonzero((np.bincount(which) > 1)[which])
+    order = several[np.argsort(which[several], kind="stable")]
+    adds, contradicts = np.zeros((2, len(order)), dtype=np.bool_)
+    fields = {}
+    for name, values in series.fields.items():
+        fields[name] = values.copy()
+        for column in range(values.shape[1]):
+            told = np.flatnonzero(np.isfinite(values[order, column]))
+            stamp, value = which[order[told]], values[order[told], column]
+            first = np.ones(len(told), dtype=np.bool_)
+            first[1:] = stamp[1:] != stamp[:-1]
+            fields[name][row[stamp[first]], column] = value[first]
+            adds[told[first]] = True
+            contradicts[told] |= value != value[first][np.cumsum(first) - 1]
+    later = order != row[which[order]]
+    duplicates, contradicted = int(np.sum(later & ~adds)), int(np.sum(contradicts))
+    return replace(series, fields=fields), duplicates, contradicted
 
 
 def join(

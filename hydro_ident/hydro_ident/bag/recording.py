@@ -26,6 +26,7 @@ from hydro_ident.bag.aligned import (
 from hydro_ident.bag.channels import Present, find_losses
 from hydro_ident.bag.dead_sensors import without_dead
 from hydro_ident.bag.gaps import find_gaps, usual_period_s
+from hydro_ident.bag.grid import Repeats
 from hydro_ident.bag.latches import latched_cycles
 from hydro_ident.bag.rails import Silence
 from hydro_ident.bag.reader import Bag, read_bag
@@ -77,12 +78,15 @@ class Earlier:
         As of `Recording`.
     valves : frozenset of str
         Those that `/valve_state` told: no command takes its place from then on.
+    repeats : mapping of str to Repeats
+        By topic, of messages that were put in order already.
     """
 
     rails: frozenset[str] = frozenset()
     dead: Mapping[str, float] = field(default_factory=dict)
     turns: Turns = field(default_factory=dict)
     valves: frozenset[str] = frozenset()
+    repeats: Mapping[str, Repeats] = field(default_factory=dict)
 
     def after(self, recording: Recording) -> Earlier:
         """With what one more piece told."""
@@ -90,7 +94,10 @@ class Earlier:
         valves = frozenset(recording.robot.valve_names[k] for k in recording.told)
         if recording.valve_source != VALVE_STATE:
             valves = self.valves
-        return Earlier(self.rails | told, recording.dead, recording.turns, valves)
+        rails = self.rails | told
+        return replace(
+            self, rails=rails, dead=recording.dead, turns=recording.turns, valves=valves
+        )
 
 
 def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Recording:
@@ -99,6 +106,7 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
     decoded = {n: Decoded(t.message_type, len(t), t.names) for n, t in bag.series.items()}
     check_topics(bag.path, bag.topics, decoded, robot)
     topics = topics_of(bag.series, robot)
+    repeats = {n: earlier.repeats.get(n) or t.repeats for n, t in topics.items()}
     grid = grid_of(topics)
     if not len(grid):
         raise nothing_in_common(bag.path)
@@ -123,11 +131,11 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
         temperature_c=None if temperature is None else temperature.values("temperature")[:, 0],
         losses=(),
         gaps=find_gaps(grid, period_s),
-        duplicates={n: t.duplicates for n, t in topics.items() if t.duplicates},
+        duplicates={n: one.duplicates for n, one in repeats.items() if one.duplicates},
         notes=(
             *bag.losses,
             *bag.unchecked,
-            *irregular({n: t.disordered for n, t in topics.items()}),
+            *irregular(repeats),
             *filled_notes(robot, filled),
             *turn_notes(turns),
             *commanded_notes(commanded),

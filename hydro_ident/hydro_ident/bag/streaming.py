@@ -30,7 +30,7 @@ from hydro_ident.bag.reader import (
 from hydro_ident.bag.recorded_run import BoolArray
 from hydro_ident.bag.recording import RECORDING_TOPICS, Earlier, Recording, recording_of
 from hydro_ident.bag.series import Series
-from hydro_ident.bag.window import joined
+from hydro_ident.bag.window import Window, joined
 from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import IntArray
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, DIAGNOSTICS, JOINT_STATES
@@ -115,7 +115,7 @@ class _Reader:
     healths: list[FileHealth] = field(default_factory=list)
     metadata: dict[str, str] = field(default_factory=dict)
     decoder: Decoder = field(init=False)
-    kept: dict[str, Series] = field(default_factory=dict)
+    windows: dict[str, Window] = field(default_factory=dict)
     #: First stamp of the recording, of the core to come, and of the median period.
     start_ns: int = 0
     core_ns: int = 0
@@ -223,18 +223,29 @@ class _Reader:
         return piece
 
     def _recording(self, bag: Bag) -> Recording:
-        recording = recording_of(bag, self.robot, self.earlier)
+        repeats = {topic: window.repeats for topic, window in self.windows.items()}
+        recording = recording_of(bag, self.robot, replace(self.earlier, repeats=repeats))
         self.earlier = self.earlier.after(recording)
         if self.period_s == 0.0:
             self.period_s = recording.period_s
         return replace(recording, period_s=self.period_s)
 
+    @property
+    def kept(self) -> dict[str, Series]:
+        """What was read and may be needed yet, by topic."""
+        return {topic: w.kept for topic, w in self.windows.items() if w.kept is not None}
+
     def _collect(self) -> None:
         for topic, fresh in self.decoder.take().items():
-            self.kept[topic] = fresh if topic not in self.kept else joined(self.kept[topic], fresh)
+            window = self.windows.setdefault(topic, Window())
+            if len(fresh):
+                window.add(fresh)
+            else:  # it may tell of messages that could not be decoded
+                window.kept = fresh if window.kept is None else joined(window.kept, fresh)
 
     def _forget(self, before_ns: int) -> None:
-        self.kept = {topic: _since(series, before_ns) for topic, series in self.kept.items()}
+        for window in self.windows.values():
+            window.forget(before_ns)
 
     def _bag(self) -> Bag:
         malformed = malformed_notes(
@@ -284,15 +295,3 @@ def _still_latched(part: Recording) -> BoolArray:
             if begin == 0:
                 latched[:end] = True
     return latched
-
-
-def _since(series: Series, stamp_ns: int) -> Series:
-    """The messages of a stretch that are not older than a stamp."""
-    chosen: IntArray = np.flatnonzero(series.stamp_ns >= stamp_ns)
-    fields = {name: values[chosen] for name, values in series.fields.items()}
-    return replace(
-        series,
-        stamp_ns=series.stamp_ns[chosen],
-        log_ns=series.log_ns[chosen],
-        fields=fields,
-    )

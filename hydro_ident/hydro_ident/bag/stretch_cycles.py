@@ -130,7 +130,7 @@ class CycleMaker:
         """
         own = {n: self._own(s) if n == JOINT_STATES else s for n, s in given.items()}
         topics = {
-            name: Topic(one, one.stamp_ns, np.arange(len(one)), 0, 0)
+            name: Topic(one, one.stamp_ns, np.arange(len(one)))
             for name, one in own.items()
             if TYPES.get(name) == one.message_type
         }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from hydro_ident.bag.aligned import TYPES, own_names
+from hydro_ident.bag.aligned import TYPES
 from hydro_ident.bag.decoder import Decoder
 from hydro_ident.bag.series import Series, SeriesBuilder, too_empty
 from hydro_ident.bag.stretch_cycles import Known, LearntError
@@ -68,8 +68,7 @@ class TopicWindows:
             if topic not in self.windows:
                 # What is joined but comes first now must not be older than what went without it.
                 begun = self._is_joined(topic, builder)
-                own = own_names(robot) if robot and topic == JOINT_STATES else frozenset()
-                self.windows[topic] = Window(own, given_ns=self._reached_ns if begun else None)
+                self.windows[topic] = Window(given_ns=self._reached_ns if begun else None)
             window = self.windows[topic]
             fresh = self._taken(builder)
             if len(fresh) and not window.count and self._too_late(topic, bare):

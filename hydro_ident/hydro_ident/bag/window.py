@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from hydro_ident.bag.grid import Repeats, Topic
 from hydro_ident.bag.series import Series
 from hydro_ident.errors import BagError
 from hydro_msgs_docs.cdr import IntArray
@@ -73,33 +74,29 @@ def joined_cells(old: Series, new: Series) -> tuple[int, int]:
 
 @dataclass(slots=True)
 class Window:
-    """The messages of a topic whose place in order may still change.
+    """Messages of a topic between reading and use.
 
     Attributes
     ----------
-    own : frozenset of str
-        Of messages with one stamp the first stays that tells of one of these names, or the first.
     kept : Series or None
-        In order of their stamps.
+        In order of their stamps; messages of one stamp are put together.
     newest_ns : int or None
         Newest stamp so far; None before the first message.
-    count : int
-        Messages so far.
-    duplicates : int
-        Messages whose stamp had been there before.
-    disordered : int
-        Messages with a stamp older than that of a message before.
+    repeats : Repeats
+        Of all messages so far.
     given_ns : int or None
         Later messages must be newer than this.
     """
 
-    own: frozenset[str] = frozenset()
     kept: Series | None = None
     newest_ns: int | None = None
-    count: int = 0
-    duplicates: int = 0
-    disordered: int = 0
+    repeats: Repeats = field(default_factory=Repeats)
     given_ns: int | None = None
+
+    @property
+    def count(self) -> int:
+        """Messages so far."""
+        return self.repeats.messages
 
     def add(self, fresh: Series) -> None:
         """Take in the next messages.
@@ -119,25 +116,21 @@ class Window:
         if self.given_ns is not None and int(fresh.stamp_ns.min()) <= self.given_ns:
             raise LateError(f"{fresh.topic}: expected stamps after {self.given_ns}")
         known = 0 if self.kept is None else len(self.kept)
-        both = fresh if self.kept is None else joined(self.kept, fresh)
-        _, row = np.unique(both.stamp_ns, return_index=True)
-        self.count += len(fresh)
-        self.duplicates += len(both) - len(row)
-        firsts = both.stamp_ns[np.sort(row[row >= known])]
+        topic = Topic.of(fresh if self.kept is None else joined(self.kept, fresh))
+        row = topic.row
+        firsts = topic.series.stamp_ns[np.sort(row[row >= known])]
         before = firsts[:1] if self.newest_ns is None else np.array([self.newest_ns])
         so_far = np.maximum.accumulate(np.concatenate([before, firsts]))
-        self.disordered += int(np.sum(firsts < so_far[1:]))
+        late = int(np.sum(firsts < so_far[1:]))
+        self.repeats += replace(topic.repeats, messages=len(fresh), disordered=late)
         self.newest_ns = int(so_far[-1])
-        self.kept = _rows(both, self._chosen(both, row))
+        self.kept = _rows(topic.series, row)
 
-    def _chosen(self, both: Series, first: IntArray) -> IntArray:
-        """The row that stays of each stamp, in order; `first` are the first of them."""
-        if not self.own or len(first) == len(both):
-            return first
-        # Stable: in file order where stamp and what is told are the same.
-        order = np.lexsort((~both.tells_of(self.own), both.stamp_ns))
-        _, at = np.unique(both.stamp_ns[order], return_index=True)
-        return order[at]
+    def forget(self, before_ns: int) -> None:
+        """Leave out messages older than `before_ns`."""
+        if self.kept is not None:
+            begin = int(np.searchsorted(self.kept.stamp_ns, before_ns))
+            self.kept = _rows(self.kept, np.arange(begin, len(self.kept)))
 
     def give(self, until_ns: int | None) -> Series | None:
         """Give away messages; later ones must be newer.

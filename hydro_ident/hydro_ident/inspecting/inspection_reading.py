@@ -207,7 +207,7 @@ def _damage(passage: Passage, look: SignalLook | None, error: BagError | None) -
     there = {name: passage.windows[name] for name in TYPES if name in passage.windows}
     return [
         *(note for note in damage if note not in bare),
-        *irregular({name: window.disordered for name, window in there.items()}),
+        *irregular({name: window.repeats for name, window in there.items()}),
         *filled_notes(look.robot, passage.maker.filled.values()),
         *commanded_notes(passage.maker.commanded),
     ]
@@ -248,7 +248,7 @@ def _summary(passage: Passage, first: FirstPass, second: SecondPass, name: str) 
     info, window = passage.infos[name], passage.windows.get(name)
     gaps, longest, rate_hz, duplicates, disordered = GapCount(), None, None, 0, 0
     if window is not None and window.count > 1:
-        duplicates, disordered = window.duplicates, window.disordered
+        duplicates, disordered = window.repeats.duplicates, window.repeats.disordered
         stamps = first.stamps[name]
         if name in second.gaps:
             rate_hz, gaps = 1.0 / stamps.intervals.period_s, second.gaps[name]
