@@ -22,7 +22,7 @@ from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_STATES
 #: A message that is further behind the newest of its topic is late.
 LATE_S = 1.0
 #: Of a topic of which fewer are late, nothing waits for them: strays, or stamps that changed.
-_STRAYS = 0.01
+_STRAYS, _MOST_STRAYS = 0.01, 1000
 _NOTHING_NS = int(np.iinfo(np.int64).max)
 
 
@@ -103,8 +103,13 @@ class _Stamps:
 
     def oldest(self) -> list[tuple[int, int, int]]:
         """Per block its number, the oldest stamp that is waited for, and the newest."""
-        strays = self.late < _STRAYS * self.count
+        strays = self.strays
         return [(n, in_time if strays else every, new) for n, every, in_time, new in self.blocks]
+
+    @property
+    def strays(self) -> bool:
+        """Late messages are so few that nothing waits for them."""
+        return self.late < min(_STRAYS * self.count, _MOST_STRAYS)
 
 
 @lru_cache(maxsize=32)
@@ -128,6 +133,9 @@ def _coming_ns(topics: dict[str, _Stamps], count: int) -> IntArray:
     oldest: IntArray = np.full(count + 1, _NOTHING_NS, dtype=np.int64)
     joints = topics[JOINT_STATES].oldest() if JOINT_STATES in topics else []
     first = min((old for _, old, _ in joints), default=_NOTHING_NS)
+    if joints and not topics[JOINT_STATES].strays:
+        # Where their clock starts over, only the whole bag tells what is of which run.
+        oldest[-1] = first
     for stamps in topics.values():
         for number, old, newest in stamps.oldest():
             # Stamps of another clock before all cycles are none of theirs.

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from hydro_ident.bag.clock_restarts import continued
 from hydro_ident.bag.decoder import Decoder
 from hydro_ident.bag.diagnostics import Status
 from hydro_ident.bag.log_kinds import instead_of_bag, instead_of_storage
@@ -121,7 +122,8 @@ def read_bag(path: str | Path, topics: Collection[str] | None = None) -> Bag:
     Raises
     ------
     BagError
-        Nothing there, no bag, a bag without a single message or of more than fits into memory.
+        Nothing there, no bag, a bag without a single message or of more than fits into memory;
+        as `continued`.
     """
     path = Path(path)
     files, notes, metadata = files_of(path)
@@ -140,7 +142,8 @@ def read_bag(path: str | Path, topics: Collection[str] | None = None) -> Bag:
         notes += file.health.told
     if not infos:
         raise no_message(path, notes)
-    series = decoder.take()
+    series, restarts = continued(path, decoder.take())
+    notes += restarts
     notes += malformed_notes({s.topic: (s.malformed, s.malformed_why) for s in series.values()})
     unique = tuple(dict.fromkeys(notes))
     return Bag(

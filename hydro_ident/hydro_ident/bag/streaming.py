@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hydro_ident.bag.arrivals import LATE_S, Arrivals, arrivals_of, is_joined
+from hydro_ident.bag.clock_restarts import continued
 from hydro_ident.bag.decoder import Decoder
 from hydro_ident.bag.grid import runs
 from hydro_ident.bag.mcap_types import FileHealth
@@ -167,7 +168,7 @@ class _Reader:
 
     def _cut(self, last: bool) -> Iterator[Piece]:
         """Turn what was read into pieces, keeping what the next one overlaps."""
-        self._collect()
+        self._collect(whole=last and not self.begun)
         bag = self._bag()
         if JOINT_STATES not in self.kept and not last:
             return
@@ -235,8 +236,12 @@ class _Reader:
         """What was read and may be needed yet, by topic."""
         return {topic: w.kept for topic, w in self.windows.items() if w.kept is not None}
 
-    def _collect(self) -> None:
-        for topic, fresh in self.decoder.take().items():
+    def _collect(self, *, whole: bool) -> None:
+        taken = self.decoder.take()
+        if whole:  # as a bag is whose clock starts over
+            taken, restarts = continued(self.path, taken)
+            self.notes += restarts
+        for topic, fresh in taken.items():
             window = self.windows.setdefault(topic, Window())
             if len(fresh):
                 window.add(fresh)

@@ -114,7 +114,7 @@ class Passage:
 
     def __post_init__(self) -> None:
         self.decoder = Decoder(self.path, self.notes, diagnostics=True)
-        self._topics = TopicWindows(self.decoder, self.known, self.late_s)
+        self._topics = TopicWindows(self.path, self.notes, self.decoder, self.known, self.late_s)
 
     @property
     def windows(self) -> dict[str, Window]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from hydro_ident.bag.aligned import TYPES
+from hydro_ident.bag.clock_restarts import continued, starts_over
 from hydro_ident.bag.decoder import Decoder
 from hydro_ident.bag.series import Series, SeriesBuilder, too_empty
 from hydro_ident.bag.stretch_cycles import Known, LearntError
@@ -26,6 +28,10 @@ class TopicWindows:
 
     Parameters
     ----------
+    path : Path
+        Of the bag, for messages.
+    notes : list of str
+        Gets what is to be said of its clock.
     decoder : Decoder
     known : Known
     late_s : float
@@ -37,6 +43,8 @@ class TopicWindows:
         By topic.
     """
 
+    path: Path
+    notes: list[str]
     decoder: Decoder
     known: Known
     late_s: float
@@ -64,13 +72,13 @@ class TopicWindows:
         """
         self._cycles = robot is not None
         self.decoder.require_tables()
-        for topic, builder in self.decoder.builders.items():
+        for topic, fresh in self._fresh().items():
+            builder = self.decoder.builders[topic]
             if topic not in self.windows:
                 # What is joined but comes first now must not be older than what went without it.
                 begun = self._is_joined(topic, builder)
                 self.windows[topic] = Window(given_ns=self._reached_ns if begun else None)
             window = self.windows[topic]
-            fresh = self._taken(builder)
             if len(fresh) and not window.count and self._too_late(topic, bare):
                 raise LearntError(replace(self.known, waits=self.known.waits | {topic}))
             self._require_room(window, fresh)
@@ -78,6 +86,15 @@ class TopicWindows:
                 window.add(fresh)
             except LateError as error:
                 raise LearntError(replace(self.known, whole=True)) from error
+
+    def _fresh(self) -> dict[str, Series]:
+        fresh = {t: self._taken(builder) for t, builder in self.decoder.builders.items()}
+        if self.known.whole:
+            fresh, restarts = continued(self.path, fresh)
+            self.notes += restarts
+        elif starts_over(fresh):
+            raise LearntError(replace(self.known, whole=True))
+        return fresh
 
     def _taken(self, builder: SeriesBuilder) -> Series:
         try:
