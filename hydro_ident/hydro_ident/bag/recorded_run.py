@@ -13,6 +13,7 @@ from hydro_ident.bag.channels import Loss
 from hydro_ident.bag.gaps import Gap, contiguous
 from hydro_ident.bag.grid import runs
 from hydro_ident.bag.turns import Turns
+from hydro_ident.bag.valve_columns import ValveRates
 from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 
@@ -61,7 +62,7 @@ class Recording:
         Pa gauge; None: the robot file's constants hold.
     valve_v : (N, m) array or None
         V at the valves: from `/valve_state`, else (or of a valve that it does not tell) from
-        `/valve_command`.
+        `/valve_command`; of a sparse topic held from message to message, for 0.1 s at most.
     valve_source : str
         The topic that `valve_v` is from, or empty.
     command_v : (N, m) array or None
@@ -97,6 +98,8 @@ class Recording:
         how many (1 or -1).
     commanded : tuple of str
         Valves that `/valve_state` does not tell although it tells others.
+    valve_rates : ValveRates
+        Which topics of valves are sparse: `valve_v` is held between their messages.
     """
 
     path: Path
@@ -130,6 +133,7 @@ class Recording:
     updated_between: bool = False
     turns: Turns = field(default_factory=dict)
     commanded: tuple[str, ...] = ()
+    valve_rates: ValveRates = field(default_factory=ValveRates)
 
     @property
     def other_robot(self) -> str:

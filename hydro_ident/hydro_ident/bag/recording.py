@@ -32,10 +32,16 @@ from hydro_ident.bag.rails import Silence
 from hydro_ident.bag.reader import Bag, read_bag
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.turns import Turns, nearest_turn, turn_notes, without_turns
-from hydro_ident.bag.valve_columns import commanded_notes, fill_voltages, told_valves
+from hydro_ident.bag.valve_columns import (
+    ValveRates,
+    commanded_notes,
+    fill_voltages,
+    told_valves,
+    use_voltages,
+)
 from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import FloatArray, IntArray
-from hydro_msgs_docs.topics import DIAGNOSTICS, OIL_TEMPERATURE, VALVE_STATE
+from hydro_msgs_docs.topics import DIAGNOSTICS, OIL_TEMPERATURE, VALVE_COMMAND, VALVE_STATE
 
 #: What `read_bag` has to decode for `recording_of`.
 RECORDING_TOPICS = (*TYPES, DIAGNOSTICS)
@@ -80,6 +86,7 @@ class Earlier:
         Those that `/valve_state` told: no command takes its place from then on.
     repeats : mapping of str to Repeats
         By topic, of messages that were put in order already.
+    rates : ValveRates
     """
 
     rails: frozenset[str] = frozenset()
@@ -87,6 +94,7 @@ class Earlier:
     turns: Turns = field(default_factory=dict)
     valves: frozenset[str] = frozenset()
     repeats: Mapping[str, Repeats] = field(default_factory=dict)
+    rates: ValveRates = field(default_factory=ValveRates)
 
     def after(self, recording: Recording) -> Earlier:
         """With what one more piece told."""
@@ -96,7 +104,12 @@ class Earlier:
             valves = self.valves
         rails = self.rails | told
         return replace(
-            self, rails=rails, dead=recording.dead, turns=recording.turns, valves=valves
+            self,
+            rails=rails,
+            dead=recording.dead,
+            turns=recording.turns,
+            valves=valves,
+            rates=recording.valve_rates,
         )
 
 
@@ -116,17 +129,13 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
     columns["q"], turns = without_turns(robot, grid, columns["q"], earlier.turns)
     columns["q_ref"] = nearest_turn(robot, columns["q"], columns["q_ref"], turns)
     filled = fill_angles(columns, robot)
-    state_v = columns.pop("state_v")
-    commanded = fill_voltages(columns, robot, earlier.valves | told_valves(robot, state_v))
-    told = [k for k, name in enumerate(robot.valve_names) if name not in commanded]
-    latched = latched_cycles(len(grid), *(_some(v, told) for v in (state_v, columns["command_v"])))
+    noted = _settle_voltages(columns, grid, robot, earlier)
     recording = Recording(
         path=bag.path,
         robot=robot,
         stamp_ns=grid,
         period_s=period_s,
         **columns,
-        latched=latched,
         temperature_stamp_ns=None if temperature is None else temperature.stamp_ns,
         temperature_c=None if temperature is None else temperature.values("temperature")[:, 0],
         losses=(),
@@ -138,11 +147,10 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
             *irregular(repeats),
             *filled_notes(robot, filled),
             *turn_notes(turns),
-            *commanded_notes(commanded),
+            *noted,
         ),
         metadata=bag.metadata,
         turns=turns,
-        commanded=commanded,
     )
     silent = [rail for rail in earlier.rails if getattr(recording, rail) is None]
     lost: dict[str, Any] = {rail: np.full(len(grid), np.nan) for rail in silent}
@@ -153,6 +161,24 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
         met.add(grid, topics[valves].stamp_ns)
         stamps = met.wrong(valves, len(grid))
     return _with_losses(without_dead(replace(recording, **lost), earlier.dead), valves, stamps)
+
+
+def _settle_voltages(
+    columns: dict[str, Any], grid: IntArray, robot: Robot, earlier: Earlier
+) -> list[str]:
+    """Choose and hold the voltages of valves, with what follows from them; returns notes."""
+    recorded = columns.pop("state_v"), columns["command_v"]
+    rates = earlier.rates.after(*recorded)
+    state_v = rates.held(VALVE_STATE, recorded[0], grid)
+    command_v = rates.held(VALVE_COMMAND, recorded[1], grid)
+    use_voltages(columns, state_v, command_v, rates)
+    valves = earlier.valves | told_valves(robot, state_v)
+    commanded = fill_voltages(columns, robot, valves, command_v)
+    told = [k for k, name in enumerate(robot.valve_names) if name in valves]
+    latched = latched_cycles(len(grid), *(_some(v, told) for v in (state_v, command_v)))
+    columns |= {"latched": latched, "commanded": commanded, "valve_rates": rates}
+    held = rates.notes(*recorded, columns["valve_source"], columns["valve_v"])
+    return [*commanded_notes(commanded), *held]
 
 
 def _some(values: FloatArray | None, columns: list[int]) -> FloatArray | None:

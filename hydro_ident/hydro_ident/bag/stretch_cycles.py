@@ -185,7 +185,8 @@ class CycleMaker:
         self._valves |= told_valves(self.robot, state_v)
         if wrong := self._valves & set(self.commanded):
             raise LearntError(replace(self.known, valves=self.known.valves | wrong))
-        self.commanded = fill_voltages(columns, self.robot, self.known.valves | self._valves)
+        told, command_v = self.known.valves | self._valves, columns["command_v"]
+        self.commanded = fill_voltages(columns, self.robot, told, command_v)
 
     def _fill(self, columns: dict[str, Any]) -> None:
         """Angles from strokes, of joints that have no position in the whole recording."""
