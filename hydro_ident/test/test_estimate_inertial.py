@@ -17,9 +17,10 @@ from hydro_ident.estimate.forces.inertial import (
     force_columns,
     force_model,
     measured_force,
-    still_joints,
 )
+from hydro_ident.estimate.forces.standstill import held_still, rests_of, still_joints
 from hydro_ident.estimate.signals.derivatives import FilterSettings, kept_samples
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.least_squares import Rows, weighted_least_squares
 from hydro_model.hydraulics.cylinder import lever, stroke
@@ -127,7 +128,60 @@ def test_a_joint_that_a_coarse_encoder_sees_swing_moves(
     count = 2.0 * np.pi / (1 << bits)
     swing = -1.2 + 0.5 * travel * np.sin(time)
     q = np.column_stack([trace.q[:, 0], swing if bits == 20 else count * np.round(swing / count)])
-    assert (1 in still_joints(coarse, [replace(trace, q=q)])) == still
+    seen = SignalSurvey.of(coarse, [replace(trace, q=q)])
+    assert (1 in still_joints(coarse, seen)) == still
+
+
+@pytest.mark.parametrize("bits", [15, 20])
+@pytest.mark.parametrize("swings", [0.0, 0.25, 8.0])
+def test_what_shows_its_encoders_noise_alone_is_held(
+    robot: Robot, bits: int, swings: float
+) -> None:
+    """By counts, coarse or fine; what goes further is used as it was read."""
+    count, time = 2.0 * np.pi / (1 << bits), np.arange(0.0, 24.0, H)
+    trace = _trace(robot, _motion(time, (1.0, 0.0)), time)
+    noise = np.random.default_rng(2).normal(0.0, 0.5, trace.q.shape)
+    swing = swings * np.sin(2.0 * np.pi * 5.0 * time)[:, None] * [0.0, 1.0]
+    read = replace(trace, q=count * np.round(trace.q / count + swing + noise))
+    seen = SignalSurvey.of(robot, [read])
+    assert still_joints(robot, seen) == (1,)
+    q = held_still(read.q, rests_of(seen, (1,)))
+    assert np.array_equal(q[:, 0], read.q[:, 0])
+    if swings > 1.0:
+        assert np.array_equal(q, read.q)
+    else:
+        assert np.all(q[:, 1] == read.q[:, 1].mean())
+
+
+def test_a_parked_joint_that_swings_on_its_oil_spoils_no_other(robot: Robot) -> None:
+    """By a milliradian: inertia is felt as it is, and its own friction stays hidden."""
+    time = np.arange(0.0, 24.0, H)
+    moved, w = _motion(time, (1.0, 0.0)), 2.0 * np.pi * 5.0
+    moved.q[:, 1] += 1.0e-3 * np.sin(w * time)
+    moved.qd[:, 1] += 1.0e-3 * w * np.cos(w * time)
+    moved.qdd[:, 1] -= 1.0e-3 * w * w * np.sin(w * time)
+    trace = _trace(robot, moved, time)
+    noise = np.random.default_rng(0).normal(0.0, 3e-6, moved.q.shape)
+    fit = fit_inertial(force_model(robot), [replace(trace, q=trace.q + noise)])
+    assert fit is not None
+    assert fit.still == (1,)
+    assert "tilt_cylinder.viscous_friction" in fit.missing
+    at = fit.model.names.index("lift_cylinder.viscous_friction")
+    assert fit.fit.theta[at] == pytest.approx(FRICTION[0], rel=1e-3)
+    # Without the swing's inertia, kilonewtons were left.
+    assert fit.fit.channel_std[0] < 30.0
+
+
+def test_where_nothing_moves_everything_is_held(robot: Robot) -> None:
+    """Nothing tells a machine that only sways from one that stands."""
+    time = np.arange(0.0, 24.0, H)
+    moved = _motion(time, (0.0, 0.0))
+    moved.q[:] += 1.0e-3 * np.sin(2.0 * np.pi * 5.0 * time)[:, None]
+    fit = fit_inertial(force_model(robot), [_trace(robot, moved, time)])
+    assert fit is not None
+    assert fit.still == (0, 1)
+    held = {fit.model.names[part.index] for part in fit.held}
+    assert set(fit.model.names) == {*fit.missing, *held}
 
 
 def test_no_motion_at_all_leaves_every_friction_and_inertia_unknown(robot: Robot) -> None:

@@ -12,11 +12,11 @@ import pytest
 
 from hydro_ident.estimate.flows.chambers import WindowSettings, chambers_of
 from hydro_ident.estimate.forces.inertial import force_model
+from hydro_ident.estimate.forces.standstill import still_joints
 from hydro_ident.estimate.scoring.noise import encoder_noise, flow_noise, force_noise
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.signal_survey import Sensor, SignalSurvey
 from hydro_ident.estimate.signals.traces import traces_of
-from hydro_ident.identify.survey import still_joints_of
 from hydro_ident.mismatch.modelling.shots import sensor_noise
 from hydro_model.robot import Robot
 
@@ -49,7 +49,7 @@ def test_counts_per_revolution_are_no_resolution_of_a_slide(robot: Robot, crane_
     for one, expected in zip((coarse, fine), noise, strict=True):
         survey = _seen(one, crane_run)
         assert sensor_noise(one, survey)[:2] == pytest.approx(expected)
-        assert still_joints_of(one, survey) == ()
+        assert still_joints(one, survey) == ()
 
 
 def test_angles_rounded_behind_a_fine_encoder_are_as_coarse_as_they_were_written(

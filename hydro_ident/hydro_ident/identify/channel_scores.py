@@ -21,6 +21,7 @@ from hydro_ident.estimate.flows.cylinder_fit import CylinderFit
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit
 from hydro_ident.estimate.forces.inertial import ForceModel, InertialFit, force_rows
 from hydro_ident.estimate.forces.late_forces import late_rows
+from hydro_ident.estimate.forces.standstill import Rest
 from hydro_ident.estimate.forces.zeros import constant_rows
 from hydro_ident.estimate.scoring.noise import flow_noise, force_noise
 from hydro_ident.estimate.scoring.scores import ChannelScore, HoldOut, Tally
@@ -51,8 +52,8 @@ class ScorePlan:
         As given, and as fitted.
     split : HoldOut
     filters : FilterSettings
-    still : mapping of str to mapping of int to float
-        By recording, where the joints are that stand still.
+    still : mapping of str to mapping of int to Rest
+        By recording, how the joints stand that are still.
     every, every_fitted : int
         Rows kept for the plots, one in so many: of those scored, of those fitted.
     cleaner : Cleaner or None
@@ -65,7 +66,7 @@ class ScorePlan:
     effects: tuple[ListedEffects, ListedEffects]
     split: HoldOut
     filters: FilterSettings
-    still: Mapping[str, Mapping[int, float]]
+    still: Mapping[str, Mapping[int, Rest]]
     every: int = 1
     every_fitted: int = 1
     cleaner: Cleaner | None = None

@@ -14,6 +14,7 @@ from hydro_ident.estimate.flows.flow_moments import FlowGatherer
 from hydro_ident.estimate.flows.summed_flow import SummedFlow
 from hydro_ident.estimate.forces.end_stops import at_end_stops
 from hydro_ident.estimate.forces.inertial import ForceModel, force_rows
+from hydro_ident.estimate.forces.standstill import Rest
 from hydro_ident.estimate.scoring.scores import HoldOut, Tally
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import Trace, traces_of_piece
@@ -41,8 +42,8 @@ class GatherPlan:
     split : HoldOut
     filters : FilterSettings
     windows : WindowSettings
-    still : mapping of str to mapping of int to float
-        By recording, where the joints are that stand still.
+    still : mapping of str to mapping of int to Rest
+        By recording, how the joints stand that are still.
     forces, flows : bool
         Which rows are wanted.
     instruments : bool
@@ -63,7 +64,7 @@ class GatherPlan:
     split: HoldOut
     filters: FilterSettings
     windows: WindowSettings
-    still: Mapping[str, Mapping[int, float]]
+    still: Mapping[str, Mapping[int, Rest]]
     forces: bool = True
     flows: bool = True
     instruments: bool = False

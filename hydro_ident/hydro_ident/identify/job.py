@@ -14,6 +14,7 @@ from hydro_ident.estimate.flows.hydraulics import HydraulicFit
 from hydro_ident.estimate.flows.summed_flow import SummedComparison
 from hydro_ident.estimate.forces.inertial import ForceModel, InertialFit, force_model
 from hydro_ident.estimate.forces.late_forces import LateForce, late_forces
+from hydro_ident.estimate.forces.standstill import still_joints
 from hydro_ident.estimate.forces.zeros import with_zeros
 from hydro_ident.estimate.scoring.scores import PLOT_POINTS, ChannelScore, HoldOut
 from hydro_ident.estimate.signals.derivatives import FilterSettings
@@ -31,7 +32,6 @@ from hydro_ident.identify.survey import (
     apart_notes,
     by_torques,
     merged_signals,
-    still_joints_of,
     still_positions,
     stuck_notes,
     survey_source,
@@ -191,7 +191,7 @@ def prepared(
     surveys = seen[: len(sources)]
     signals = merged_signals(robot, surveys)
     every = 0 if others else settings.hold_out_every
-    still = still_joints_of(robot, signals)
+    still = still_joints(robot, signals)
     filters = settings.filters.borne_at(_slowest_s(seen))
     split = _hold_out(surveys, every, filters) if every else HoldOut(every=0)
     sources, others = with_updates(robot, sources, others, seen, split.training)

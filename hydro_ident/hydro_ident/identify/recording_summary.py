@@ -16,7 +16,7 @@ from hydro_ident.bag.gaps import LongestGap, longest_gap
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.recorded_with import Apart, RecordedWith, recorded_apart, recorded_with
 from hydro_ident.errors import NotEnoughDataError
-from hydro_ident.estimate.forces.inertial import least_travel
+from hydro_ident.estimate.forces.standstill import least_travel
 from hydro_ident.estimate.signals.derivatives import secant_slope
 from hydro_ident.identify.survey import Survey
 from hydro_ident.inspecting.health import Finding, find_irregularities

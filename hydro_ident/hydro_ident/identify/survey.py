@@ -10,13 +10,13 @@ import numpy as np
 from hydro_ident.bag.digest import Digest
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.recorded_with import recorded_apart
-from hydro_ident.estimate.forces.inertial import least_travel
+from hydro_ident.estimate.forces.standstill import Rest, least_travel, rests_of, still_joints
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.traces import traces_of_piece
 from hydro_ident.identify.continuity import Continuity, bridged_notes, partial_notes
 from hydro_ident.identify.verdict import recorded_as_others
 from hydro_ident.recordings.sources import Source
-from hydro_model.robot import FloatArray, Robot
+from hydro_model.robot import Robot
 
 
 @dataclass(slots=True)
@@ -155,16 +155,10 @@ def merged_signals(robot: Robot, surveys: Iterable[Survey]) -> SignalSurvey:
     return merged
 
 
-def still_joints_of(robot: Robot, signals: SignalSurvey) -> tuple[int, ...]:
-    """Joints that do not move in any recording."""
-    travel: FloatArray = signals.high - signals.low
-    return tuple(int(i) for i in np.flatnonzero(~(travel >= least_travel(robot))))
-
-
 def still_positions(
     surveys: Sequence[Survey], still: Sequence[int]
-) -> Mapping[str, Mapping[int, float]]:
-    """Where joints are that stand still, by recording: those in which they move leave them out.
+) -> Mapping[str, Mapping[int, Rest]]:
+    """How joints are that stand still, by recording: those in which they move leave them out.
 
     Parameters
     ----------
@@ -173,12 +167,16 @@ def still_positions(
     still : sequence of int
         Joints that stand still in all that are fitted.
     """
-    held = {s.name: still_joints_of(s.signals.robot, s.signals) for s in surveys}
-    return {s.name: {j: s.signals.q[j].mean for j in still if j in held[s.name]} for s in surveys}
+    result = dict[str, dict[int, Rest]]()
+    for one in surveys:
+        own = still_joints(one.signals.robot, one.signals)
+        rests = rests_of(one.signals, still)
+        result[one.name] = {j: rest for j, rest in rests.items() if j in own}
+    return result
 
 
 def parked_elsewhere(
-    fitted: SignalSurvey, still: Mapping[str, Mapping[int, float]]
+    fitted: SignalSurvey, still: Mapping[str, Mapping[int, Rest]]
 ) -> dict[str, dict[int, float]]:
     """Joints that stand still far from where they stood in all that is fitted, and how far.
 
@@ -188,7 +186,7 @@ def parked_elsewhere(
     ----------
     fitted : SignalSurvey
         Of all recordings that are fitted.
-    still : mapping of str to mapping of int to float
+    still : mapping of str to mapping of int to Rest
         As `still_positions` returns it.
 
     Returns
@@ -198,7 +196,7 @@ def parked_elsewhere(
     """
     near, result = least_travel(fitted.robot), dict[str, dict[int, float]]()
     for name, joints in still.items():
-        off = {j: max(fitted.low[j] - q, q - fitted.high[j]) for j, q in joints.items()}
+        off = {j: max(fitted.low[j] - r.at, r.at - fitted.high[j]) for j, r in joints.items()}
         far = {j: float(d) for j, d in off.items() if d > near[j]}
         result |= {name: far} if far else {}
     return result

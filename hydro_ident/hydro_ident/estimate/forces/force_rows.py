@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hydro_ident.estimate.forces.end_stops import at_end_stops
+from hydro_ident.estimate.forces.standstill import Rest, giving_way, held_still
 from hydro_ident.estimate.signals.derivatives import (
     FilterSettings,
     kept_samples,
@@ -172,7 +173,7 @@ def force_rows(
     model: ForceModel,
     trace: Trace,
     settings: FilterSettings,
-    still: Mapping[int, float] | Sequence[int] = (),
+    still: Mapping[int, Rest] | None = None,
     instruments: bool = False,
 ) -> Rows | None:
     """Filtered and decimated rows of the samples that a trace owns.
@@ -182,9 +183,8 @@ def force_rows(
     model : ForceModel
     trace : Trace
     settings : FilterSettings
-    still : mapping of int to float, or sequence of int
-        Joints that stand still throughout: held at this position (or at their mean), so that
-        encoder noise cannot pass for motion.
+    still : mapping of int to Rest, optional
+        Joints that stand still throughout.
     instruments : bool
         Add the regressor of the recorded reference: what the motion was to be knows nothing of
         the encoders' noise. Rows without it are NaN.
@@ -192,7 +192,8 @@ def force_rows(
     Returns
     -------
     Rows or None
-        One channel per joint, unknown at its end stops. None where the trace is shorter than the
+        One channel per joint, unknown at its end stops and of a joint that stands still but gives
+        way. None where the trace is shorter than the
         filter's edges, or a joint angle or every force is missing: each force needs all the
         angles.
     """
@@ -203,6 +204,7 @@ def force_rows(
     known = np.isfinite(force).all(axis=0)
     if not keep.size or not known.any() or not np.isfinite(trace.q).all():
         return None
+    still = still or {}
     stopped = at_end_stops(model.robot, trace, settings, still)[keep]
     q = held_still(trace.q, still)
     x = _filtered_columns(model, trace, q, settings, keep)
@@ -211,6 +213,9 @@ def force_rows(
         z = np.full(x.shape, np.nan)
         if trace.q_ref is not None:
             wanted = held_still(trace.q_ref, still)
+            # Of what gives way the reference knows nothing.
+            giving = giving_way(still)
+            wanted[:, giving] = q[:, giving]
             z = _filtered_columns(model, trace, wanted, settings, keep)
     # The forces pass the encoders' filter too: both sides of the equation are treated alike.
     force[:, known] = low_pass(
@@ -221,6 +226,7 @@ def force_rows(
     if model.held is not None:
         y -= _held(model, trace, q, settings, keep)
     y[stopped] = np.nan
+    y[:, giving_way(still)] = np.nan
     step_s = settings.decimation(trace.step_s) * trace.step_s
     time_s = trace.time_s[keep]
     return Rows(y, x, time_s, trace.label, z, step_s, settings.stride(trace.step_s))
@@ -240,14 +246,6 @@ def _held(
         at = model.robot.joint_index(cylinder.joint)
         torque[:, at] /= lever(cylinder, moved.q[:, at])
     return parallel_filter(torque, trace.step_s, settings, keep)
-
-
-def held_still(q: FloatArray, still: Mapping[int, float] | Sequence[int]) -> FloatArray:
-    """Positions with joints that stand still held where they are."""
-    q = q.copy()
-    for joint in still:
-        q[:, joint] = still[joint] if isinstance(still, Mapping) else q[:, joint].mean()
-    return q
 
 
 def _filtered_columns(

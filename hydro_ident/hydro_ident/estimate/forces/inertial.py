@@ -26,7 +26,9 @@ from hydro_ident.estimate.forces.force_rows import (
     measured_force,
 )
 from hydro_ident.estimate.forces.listed_values import keep_listed
+from hydro_ident.estimate.forces.standstill import rests_of, still_joints
 from hydro_ident.estimate.signals.derivatives import FilterSettings
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.blocks import Blocks, blocks_of
 from hydro_ident.estimate.statistics.least_squares import (
@@ -39,7 +41,7 @@ from hydro_ident.estimate.statistics.moments import Moments
 from hydro_ident.estimate.statistics.regression import Solution, solve_wls
 from hydro_model.hydraulics.cylinder import lever
 from hydro_model.multibody.joint_ranges import limits
-from hydro_model.robot import FloatArray, Joint, Robot
+from hydro_model.robot import FloatArray, Joint
 
 __all__ = [
     "ForceModel",
@@ -51,51 +53,13 @@ __all__ = [
     "force_rows",
     "identifiable_parameters",
     "inertial_fit",
-    "least_travel",
     "measured_force",
     "parameter_bounds",
     "parameter_scales",
-    "still_joints",
 ]
 
-#: A joint that never leaves a band of this many encoder counts stands still, unless it moves more
-#: than `MOVING_RANGE` by an encoder that coarse (two neighbours of a count are its flicker); so
-#: does one that moves less than `STILL_RANGE`, where friction hides everything else.
-STILL_COUNTS, FLICKER_COUNTS = 200.0, 3.0
-STILL_RANGE, MOVING_RANGE = 0.01, 0.05
 #: A robot file of less mass states none. Values of so many deviations show what there is.
 LEAST_MASS_KG, CLEAR_DEVIATIONS = 1.0, 10.0
-
-
-def still_joints(robot: Robot, traces: Sequence[Trace]) -> tuple[int, ...]:
-    """Joints that do not move in any of the traces.
-
-    Parameters
-    ----------
-    robot : Robot
-    traces : sequence of Trace
-
-    Returns
-    -------
-    tuple of int
-    """
-    low = np.min([trace.q.min(axis=0) for trace in traces], axis=0)
-    high = np.max([trace.q.max(axis=0) for trace in traces], axis=0)
-    return tuple(int(i) for i in np.flatnonzero(~(high - low >= least_travel(robot))))
-
-
-def least_travel(robot: Robot) -> FloatArray:
-    """Travel of each joint, rad or m, below which it stands still, (n,).
-
-    Parameters
-    ----------
-    robot : Robot
-        Of its slides, counts per revolution say nothing.
-    """
-    count = 2.0 * np.pi / robot.sensors.encoder_counts_per_rev
-    resolved = min(STILL_COUNTS * count, max(MOVING_RANGE, FLICKER_COUNTS * count))
-    turning = max(STILL_RANGE, resolved)
-    return np.array([STILL_RANGE if joint.prismatic else turning for joint in robot.joints])
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,10 +124,12 @@ def fit_inertial(
     usable = [t for t in traces if np.isfinite(t.q).all()]
     if not usable:
         return None
-    still = still_joints(model.robot, usable)
+    signals = SignalSurvey.of(model.robot, usable)
+    still = still_joints(model.robot, signals)
+    rests = rests_of(signals, still)
     gathered: dict[str, Moments] = {}
     for trace in usable:
-        rows = force_rows(model, trace, settings, still)
+        rows = force_rows(model, trace, settings, rests)
         if rows is not None:
             rows = rows if select is None else select(rows)
             name = trace.recording

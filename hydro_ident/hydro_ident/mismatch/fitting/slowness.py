@@ -18,6 +18,7 @@ import numpy as np
 
 from hydro_ident.estimate.flows.chambers import INVERSE_BULK
 from hydro_ident.estimate.forces.force_rows import ForceModel
+from hydro_ident.estimate.forces.standstill import Rest
 from hydro_ident.estimate.scoring.scores import HoldOut
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.traces import Trace
@@ -81,7 +82,7 @@ def settled(
     forces: ForceModel,
     traces: Sequence[Trace],
     choices: Choices,
-    still: Mapping[str, Mapping[int, float]],
+    still: Mapping[str, Mapping[int, Rest]],
     signals: SignalSurvey,
     split: HoldOut,
 ) -> Choices:
@@ -94,7 +95,7 @@ def settled(
         To look at.
     choices : Choices
         As the positions' noise and the commands ask for.
-    still : mapping of str to mapping of int to float
+    still : mapping of str to mapping of int to Rest
         As `material_of`.
     signals : SignalSurvey
     split : HoldOut
@@ -128,7 +129,7 @@ def _balances(
     forces: ForceModel,
     traces: Sequence[Trace],
     choices: Choices,
-    still: Mapping[str, Mapping[int, float]],
+    still: Mapping[str, Mapping[int, Rest]],
     signals: SignalSurvey,
     split: HoldOut,
 ) -> _Balances | None:

@@ -17,10 +17,10 @@ from scipy.signal import welch
 
 from hydro_ident.estimate.flows.chambers import WindowSettings
 from hydro_ident.estimate.forces.force_rows import ForceModel, measured_force
+from hydro_ident.estimate.forces.standstill import giving_way, rests_of, still_joints
 from hydro_ident.estimate.signals.derivatives import QUICKEST, FilterSettings
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_ident.identify.survey import still_joints_of
 from hydro_ident.mismatch.rows.rests import usual_size
 from hydro_ident.mismatch.settings import LONGEST_DELAY_S
 from hydro_model.hydraulics.cylinder import lever
@@ -107,10 +107,12 @@ def choices_of(
     noise = np.array([sensor.noise(sensor.smallest_change) for sensor in signals.q])
     speeds = _usual_speeds(traces)
     moving = (noise > 0.0) & (speeds > _MOVES * math.sqrt(2.0) * noise / _SPEED_S)
-    # One that travels less than that is held where it stands: its noise is in no row.
-    moving[list(still_joints_of(signals.robot, signals))] = False
+    still = still_joints(signals.robot, signals)
+    giving = giving_way(rests_of(signals, still))
+    # Of what stands still the own rows are none, and the noise of what is held there is in no row.
+    moving[[joint for joint in still if joint not in giving]] = False
     worst = ""
-    for joint in np.flatnonzero(moving).tolist():
+    for joint in [j for j in np.flatnonzero(moving).tolist() if j not in giving]:
         borne = SPEED_SHARE * speeds[joint] / noise[joint]
         limit = (1.5 * (borne / (2.0 * math.pi)) ** 2 / step_s) ** (1.0 / 3.0)
         window_s = max(window_s, math.sqrt(2.0) / borne)

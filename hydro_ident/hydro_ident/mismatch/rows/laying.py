@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from hydro_ident.estimate.flows.chambers import Chamber, WindowSettings, chambers_of, window_rows
 from hydro_ident.estimate.forces.end_stops import at_end_stops
-from hydro_ident.estimate.forces.force_rows import ForceModel, Motion, held_still, measured_force
+from hydro_ident.estimate.forces.force_rows import ForceModel, Motion, measured_force
+from hydro_ident.estimate.forces.standstill import Rest, held_still
 from hydro_ident.estimate.signals.derivatives import FilterSettings, kept_samples, motion
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.rows import BoolArray
@@ -35,7 +36,7 @@ def material_of(
     traces: Sequence[Trace],
     filters: FilterSettings,
     windows: WindowSettings,
-    still: Mapping[str, Mapping[int, float]],
+    still: Mapping[str, Mapping[int, Rest]],
     rest_speed: FloatArray | None = None,
     beside: Sequence[Trace] = (),
     flows_alone: bool = False,
@@ -51,8 +52,8 @@ def material_of(
     filters : FilterSettings
     windows : WindowSettings
         With the longest delay that a candidate may have, in intervals of the quickest trace.
-    still : mapping of str to mapping of int to float
-        By recording, where the joints are that stand still.
+    still : mapping of str to mapping of int to Rest
+        By recording, how the joints stand that are still.
     rest_speed : (n,) array, optional
     beside : sequence of Trace, optional
         What laws are found in, where that is more: a balance has rows where they are known, too.
@@ -145,14 +146,14 @@ def _stretch(
     trace: Trace,
     filters: FilterSettings,
     windows: WindowSettings,
-    still: Mapping[str, Mapping[int, float]],
+    still: Mapping[str, Mapping[int, Rest]],
     paired: Sequence[bool],
 ) -> Stretch:
     kept: IndexArray = np.zeros(0, dtype=np.intp)
     moved, stopped = None, None
+    rests = still.get(trace.recording, {})
     if np.isfinite(trace.q).all():
         kept = kept_samples(trace.samples, trace.step_s, filters, trace.cycle, trace.core)
-        rests = still.get(trace.recording, {})
         q = held_still(trace.q, rests)
         if trace.samples > 3 * filters.order:
             moved = Motion(*motion(q, trace.step_s, filters))
@@ -164,7 +165,7 @@ def _stretch(
         for chamber, both in zip(chambers_of(robot), paired, strict=True)
     )
     kept = kept if moved is not None else kept[:0]
-    return Stretch(held, moved, kept, starts, span, stopped=stopped)
+    return Stretch(held, moved, kept, starts, span, stopped=stopped, still=frozenset(rests))
 
 
 def _paired(robot: Robot, traces: Sequence[Trace]) -> list[bool]:

@@ -50,6 +50,8 @@ class Stretch:
         Among the material's; those with corrected sensors keep it.
     stopped : (N, n) bool array or None
         Samples whose joint rests at an end of its travel.
+    still : frozenset of int
+        Joints that stand still throughout the recording, if only about.
     """
 
     trace: Trace
@@ -59,6 +61,7 @@ class Stretch:
     span: int
     number: int = 0
     stopped: BoolArray | None = None
+    still: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)

@@ -128,8 +128,9 @@ def moving_rows(material: Material) -> BoolArray:
             speed, stretch = speeds[place.stretch], material.stretches[place.stretch]
             if speed is not None:
                 noise = 0.0 if material.rest_speed is None else material.rest_speed[joint]
-                # What never moves has no usual speed, and rests throughout.
+                # What never moves has no usual speed, and rests throughout, as does what sways.
                 slow = speed[:, joint] <= max(REST_SPEED * usual, noise)
+                slow |= joint in stretch.still
                 resting = lasting(slow, stretch.trace.step_s, reach_s)
                 if material.is_flow(k):
                     resting &= _idle(
@@ -165,7 +166,7 @@ def motions_of(material: Material, joint: int) -> int:
     """
     speeds = []
     for s in material.stretches:
-        if (v := _velocity(material, s)) is not None:
+        if joint not in s.still and (v := _velocity(material, s)) is not None:
             # What the filters make of a recording's ends is no motion.
             edge = material.filters.edge_samples(s.trace.step_s)
             speeds.append((s, v[edge : len(v) - edge, joint]))

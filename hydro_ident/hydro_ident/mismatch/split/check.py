@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hydro_ident.estimate.forces.standstill import Rest
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.identify.survey import parked_elsewhere
@@ -127,7 +128,7 @@ def elsewhere(
     training: Training,
     signals: SignalSurvey,
     unlocked: Mapping[str, Sequence[int]],
-    still: Mapping[str, Mapping[int, float]],
+    still: Mapping[str, Mapping[int, Rest]],
 ) -> tuple[Check, tuple[str, ...]]:
     """Rows of other recordings: verified on are fitted channels, where their joints have been.
 
@@ -142,8 +143,8 @@ def elsewhere(
         Of the fitted recordings.
     unlocked : mapping of str to sequence of int
         By recording, the joints that move there and nowhere in what was fitted.
-    still : mapping of str to mapping of int to float
-        By recording, where the joints are that stand still.
+    still : mapping of str to mapping of int to Rest
+        By recording, how the joints stand that are still.
     """
     material, parked = training.predictor.material, parked_elsewhere(signals, still)
     foreign = unfitted(there, unlocked, parked) | there.stopped

@@ -10,6 +10,7 @@ import numpy as np
 from hydro_ident.errors import NotEnoughDataError
 from hydro_ident.estimate.flows.chambers import chambers_of
 from hydro_ident.estimate.forces.force_rows import ForceModel, force_model
+from hydro_ident.estimate.forces.standstill import Rest, still_joints
 from hydro_ident.estimate.scoring.noise import flow_noise, force_noise
 from hydro_ident.estimate.scoring.scores import HoldOut
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
@@ -21,7 +22,6 @@ from hydro_ident.identify.survey import (
     by_torques,
     merged_signals,
     recorded_notes,
-    still_joints_of,
     still_positions,
 )
 from hydro_ident.mismatch.fitting.as_listed import with_listed
@@ -175,7 +175,7 @@ def residuals(
     signals = merged_signals(robot, surveys[: len(sources)])
     torque = by_torques(surveys[: len(sources)])
     forces = own_forces(robot, torque)
-    locked = still_joints_of(robot, signals)
+    locked = still_joints(robot, signals)
     still = still_positions(surveys, locked)
     sources, others = with_updates(robot, sources, others, surveys)
     cleaner = Cleaner.of(robot, signals, _GROSS)
@@ -267,7 +267,7 @@ class _Laid:
     robot: Robot
     forces: ForceModel
     choices: Choices
-    still: Mapping[str, Mapping[int, float]]
+    still: Mapping[str, Mapping[int, Rest]]
     whole: tuple[Trace, ...] = ()
 
     def material(self, traces: Sequence[Trace]) -> Material:

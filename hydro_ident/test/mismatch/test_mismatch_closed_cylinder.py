@@ -1,0 +1,65 @@
+"""A joint that is parked behind a closed valve: its oil is a spring, and it swings on that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.estimate.forces.standstill import least_travel
+from hydro_ident.mismatch.rows.rests import motions_of
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_model.robot import Robot
+from hydro_model.simulation.simulate import simulate
+
+LIFT, TILT = 0, 1
+COUNT_RAD = 2.0 * np.pi / 2**20
+
+
+def _parked(run: Any, truth: Robot) -> Any:
+    """The machine driven by the run's lift valve alone, the other one at 0 V, with noise."""
+    voltage, rng = run.voltage * [1.0, 0.0], np.random.default_rng(5)
+    out = simulate(truth, 0.002 * np.arange(len(voltage)), voltage, run.q[0])
+
+    def read(values: np.ndarray, step: float, spread: float) -> np.ndarray:
+        return step * np.round(values / step + rng.normal(0.0, spread, values.shape))
+
+    pressures = {n: read(getattr(out, n), 1e3, 4.0) for n in ("p_a", "p_b")}
+    return replace(run, q=read(out.q, COUNT_RAD, 0.5), voltage=voltage, **pressures)
+
+
+@pytest.fixture(scope="module")
+def parked(crane_run: Any) -> Any:
+    return _parked(crane_run, crane_run.robot)
+
+
+@pytest.fixture(scope="module")
+def laid(parked: Any, lay_out: Callable[..., Residuals]) -> Residuals:
+    return lay_out(parked)
+
+
+def _rms(work: Residuals, channel: str) -> float:
+    material = work.training.predictor.material
+    own = work.training.mask & (material.channel == material.channels.index(channel))
+    return float(np.sqrt(np.mean(work.base.residual[own] ** 2)))
+
+
+def test_the_others_feel_how_it_swings(laid: Residuals, parked: Any) -> None:
+    """What a cylinder's oil lets its joint do is in their forces, and nothing else is left."""
+    travel = np.ptp(parked.q[:, TILT])
+    assert 100.0 * COUNT_RAD < travel < least_travel(laid.robot)[TILT]
+    (stretch,) = laid.training.predictor.material.stretches
+    assert stretch.moved is not None
+    assert np.ptp(stretch.moved.q[:, TILT]) == pytest.approx(travel, rel=0.1)
+    assert _rms(laid, "lift/force") < 1.5 * laid.noise_floors()["lift/force"]
+
+
+def test_its_own_force_is_not_asked(laid: Residuals) -> None:
+    material = laid.training.predictor.material
+    own = material.channel == material.channels.index("tilt/force")
+    assert own.any()
+    assert not (laid.training.mask & own).any()
+    assert motions_of(material, TILT) == 0
