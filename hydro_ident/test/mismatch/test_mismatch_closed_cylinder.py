@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.estimate.forces.standstill import least_travel
+from hydro_ident.mismatch.answer.odd_valve import odd_valve
 from hydro_ident.mismatch.rows.rests import motions_of
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_model.robot import Robot
@@ -63,3 +64,11 @@ def test_its_own_force_is_not_asked(laid: Residuals) -> None:
     assert own.any()
     assert not (laid.training.mask & own).any()
     assert motions_of(material, TILT) == 0
+
+
+def test_a_valve_that_was_never_moved_makes_no_other_late(laid: Residuals) -> None:
+    """It has no delay to compare with."""
+    training, true_s = laid.training, 0.0013
+    assert list(training.predictor.delay_columns) == [LIFT]
+    assert laid.base.model.delays_s[LIFT] == pytest.approx(true_s, abs=3.0e-5)
+    assert odd_valve(training, laid.base) is None

@@ -13,6 +13,7 @@ from hydro_ident.mismatch.answer.confirmation import searched
 from hydro_ident.mismatch.answer.odd_valve import explains, held_to_others, odd_valve
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.fitting.training import Training, start_model
 from hydro_ident.mismatch.naming.lags import OF_VALVES
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.mismatch.verifying.agreement import fitted_there
@@ -104,6 +105,18 @@ def test_a_difference_within_its_doubt_is_none(late: Residuals) -> None:
     covariance = late.base.covariance.copy()
     covariance[at, at] = (0.3 * LATER_S) ** 2
     assert odd_valve(late.training, _Doubted(late.base, covariance)) is None  # type: ignore[arg-type]
+
+
+def test_a_delay_that_no_row_tells_is_none_to_compare_with(late: Residuals) -> None:
+    """Of a valve whose rows are all left out: it stays as the file has it, without deviation."""
+    predictor = late.training.predictor
+    channels = np.array(predictor.material.channels)[predictor.material.channel]
+    rows = late.training.mask & ~np.char.startswith(channels, "tilt/flow")
+    training = Training.of(predictor, rows, late.training.prior)
+    base = fit(training, start_model(late.robot, predictor))
+    assert base.model.delays_s[TILT] == late.robot.command_delay_s
+    assert base.model.delays_s[LIFT] == pytest.approx(OWN_S, abs=5.0e-5)
+    assert odd_valve(training, base) is None
 
 
 @pytest.mark.thorough

@@ -1,9 +1,9 @@
 """A valve that is later than the others, where nothing else says why.
 
-A base has a delay for every valve, as all valves lag a little. One that is clearly later than the
-others has physics of its own, and the base's delay hides it: a spool that slews too slowly, lags,
-or hears its commands late looks like a delay of some tenths of a cycle. So that valve is held to
-what the others have, and what it is later by is searched for as any effect is.
+A base has a delay for every valve that was moved, as all valves lag a little. One that is clearly
+later than the others has physics of its own, and the base's delay hides it: a spool that slews too
+slowly, lags, or hears its commands late looks like a delay of some tenths of a cycle. So that
+valve is held to what the others have, and what it is later by is searched for as any effect is.
 
 A spool that the robot file lists hides it as well, by a frequency lower than listed: what such a
 valve is later by than its file says counts. To be held all spools are put back as listed, with the
@@ -27,6 +27,7 @@ from hydro_ident.mismatch.fitting.as_listed import (
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.fitting.slopes import linearised
+from hydro_ident.mismatch.fitting.stepping import said_columns
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.naming.lags import OF_VALVES, lag_s, lag_slopes
 from hydro_ident.mismatch.rows.base_columns import DELAY
@@ -54,7 +55,7 @@ def odd_valve(training: Training, whole: Fitted) -> int | None:
     int or None
         None where none is, or what was found says already what makes valves late.
     """
-    columns, listed = training.predictor.delay_columns, listed_effects(training)
+    columns, listed = _told(training, whole), listed_effects(training)
     late = [t for t in whole.model.terms if t.effect.name in OF_VALVES]
     told = [t for t in late if key_of(t) not in listed]
     if len(columns) < 2 or any(t.effect.name == DELAY and t.cylinder is None for t in told):
@@ -70,6 +71,18 @@ def odd_valve(training: Training, whole: Fitted) -> int | None:
     doubt_s = _SURE * float(np.sqrt(sum(variances)))
     excess_s = delays_s[latest] - delays_s[next_one] - doubt_s
     return latest if excess_s > LEAST_EXCESS * training.cycle_s else None
+
+
+def _told(training: Training, whole: Fitted) -> dict[int, int]:
+    """Columns of delays by cylinder, of those that the rows tell anything of.
+
+    One that hardly a row knows has no deviation, but stays at what the robot file says: no valve
+    is later than that. Beside a delay of all commands the quickest valve's stays, too, as the
+    others' are told by it.
+    """
+    sizes, said = np.diag(_covariance(training, whole)), said_columns(training, whole.model)
+    columns = training.predictor.delay_columns
+    return {i: at for i, at in columns.items() if sizes[at] > 0.0 or at in said}
 
 
 def _spool(whole: Fitted, index: int) -> ActiveEffect | None:
@@ -123,7 +136,7 @@ def held_to_others(work: Residuals, whole: Fitted, index: int) -> Residuals:
         Of its cylinder.
     """
     delays_s = whole.model.delays_s
-    others = [delays_s[i] for i in work.training.predictor.delay_columns if i != index]
+    others = [delays_s[i] for i in _told(work.training, whole) if i != index]
     latest_s = {index: float(np.median(others))}
     listed = listed_effects(work.training)
     # Of all valves: what one has to be late by, the others' spools may not make up for.

@@ -26,7 +26,8 @@ class BaseColumns:
     names : tuple of str
         Of forces, by cylinder bulk and edges, valves' delays, ripples, skews.
     delays, ripples : dict of int to int
-        Where the delay of each cylinder's valve is, and the ripple of its pressures.
+        Where the delay of each cylinder's valve is, and the ripple of its pressures; of a valve
+        that was never commanded no delay can be told, and none is there.
     skews : dict of int to int
         Where the skew of each chamber's pressure is, chambers a and b of each cylinder in turn,
         and that of all measured torques, `TORQUES`.
@@ -52,7 +53,8 @@ class BaseColumns:
             own = [f"{chamber.cylinder.name}.{INVERSE_BULK}"]
             own += [f"{chamber.valve.name}.{edge}" for edge in chamber.edges]
             names += [name for name in own if name not in names]
-        delays = {c.index: delay_name(c) for c in chambers}
+        commanded = material.commanded()
+        delays = {c.index: delay_name(c) for c in chambers if c.index in commanded}
         ripples = {i: ripple_name(cylinders[i].name) for i in _rippled(material)}
         read = dict.fromkeys([*_read_by_pressures(material), *(c.index for c in chambers)])
         skews = {2 * i + k: skew_name(cylinders[i].name, side)

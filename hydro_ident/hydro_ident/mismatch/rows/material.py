@@ -214,6 +214,15 @@ class Material:
                 result[place.rows] = self.on_rows(stretch, place.channel, own)
         return result
 
+    def commanded(self) -> list[int]:
+        """Cylinders whose valve was commanded: its signal is not the same all the while."""
+        signals = [s.trace.valve_signal for s in self.stretches]
+        return [
+            i
+            for i in range(len(self.robot.cylinders))
+            if any(np.unique(u[np.isfinite(u[:, i]), i]).size > 1 for u in signals)
+        ]
+
     def masks(self, split: HoldOut) -> tuple[BoolArray, BoolArray]:
         """Rows to fit and rows to score of a split."""
         fit, score = np.zeros(self.size, dtype=np.bool_), np.zeros(self.size, dtype=np.bool_)

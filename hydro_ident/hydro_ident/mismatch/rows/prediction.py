@@ -258,7 +258,8 @@ class Predictor:
         own = {f"{chamber.cylinder.name}.{INVERSE_BULK}": rows_of.compression}
         for k, edge in enumerate(chamber.edges):
             own[f"{chamber.valve.name}.{edge}"] = rows_of.edges[:, k]
-        own[delay_name(chamber)] = rows_of.late @ edges
+        if chamber.index in self.delay_columns:
+            own[delay_name(chamber)] = rows_of.late @ edges
         skew = rows_of.skewed @ edges + inverse * rows_of.skewed_compression
         own[skew_name(chamber.cylinder.name, chamber.side)] = skew
         into[0][rows] = rows_of.swept
