@@ -11,6 +11,7 @@ import pytest
 
 from hydro_ident.estimate.forces.standstill import least_travel
 from hydro_ident.mismatch.answer.odd_valve import odd_valve
+from hydro_ident.mismatch.modelling.model import robot_of
 from hydro_ident.mismatch.rows.rests import motions_of
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_model.robot import Robot
@@ -67,8 +68,13 @@ def test_its_own_force_is_not_asked(laid: Residuals) -> None:
 
 
 def test_a_valve_that_was_never_moved_makes_no_other_late(laid: Residuals) -> None:
-    """It has no delay to compare with."""
+    """It has no delay to compare with, and none to average the others' with."""
     training, true_s = laid.training, 0.0013
     assert list(training.predictor.delay_columns) == [LIFT]
     assert laid.base.model.delays_s[LIFT] == pytest.approx(true_s, abs=3.0e-5)
     assert odd_valve(training, laid.base) is None
+    found = robot_of(training.predictor, laid.base, laid.robot)
+    assert found.robot.command_delay_s == laid.base.model.delays_s[LIFT]
+    assert not any("delays differ" in note for note in found.notes)
+    off_s = abs(found.robot.command_delay_s - true_s)
+    assert off_s < 4.0 * found.robot.standard_deviations["command_delay"]

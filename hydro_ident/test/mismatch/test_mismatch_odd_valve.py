@@ -14,6 +14,7 @@ from hydro_ident.mismatch.answer.odd_valve import explains, held_to_others, odd_
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.fitting.training import Training, start_model
+from hydro_ident.mismatch.modelling.model import robot_of
 from hydro_ident.mismatch.naming.lags import OF_VALVES
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.mismatch.verifying.agreement import fitted_there
@@ -117,6 +118,24 @@ def test_a_delay_that_no_row_tells_is_none_to_compare_with(late: Residuals) -> N
     assert base.model.delays_s[TILT] == late.robot.command_delay_s
     assert base.model.delays_s[LIFT] == pytest.approx(OWN_S, abs=5.0e-5)
     assert odd_valve(training, base) is None
+    found = robot_of(predictor, base, late.robot)
+    assert found.robot.command_delay_s == base.model.delays_s[LIFT]
+    assert not any("delays differ" in note for note in found.notes)
+
+
+def test_one_delay_for_all_is_the_better_told_ones(plain: Residuals) -> None:
+    """Unless they surely differ."""
+    predictor, (lift, tilt) = plain.training.predictor, (0.0006, 0.0012)
+    model = replace(plain.base.model, delays_s=(lift, tilt))
+    at = list(predictor.delay_columns.values())
+    for sizes_s, delay_s in (((1.0e-5, 3.0e-4), lift), ((1.0e-5, 1.0e-5), 0.5 * (lift + tilt))):
+        covariance = plain.base.covariance.copy()
+        covariance[at, at] = np.square(sizes_s)
+        told = replace(plain.base, model=model, refined=covariance)
+        found = robot_of(predictor, told, plain.robot)
+        assert found.robot.command_delay_s == pytest.approx(delay_s, rel=0.01)
+        differ = any("delays differ" in note for note in found.notes)
+        assert differ == (sizes_s[LIFT] == sizes_s[TILT])
 
 
 @pytest.mark.thorough

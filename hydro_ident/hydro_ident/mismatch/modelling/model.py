@@ -24,7 +24,7 @@ from hydro_model.robot import BaseParameter, Cylinder, EffectSpec, FloatArray, J
 
 #: Difference between valves' delays that is worth a note.
 _SAME_DELAY_S = 3.0e-4
-#: A skew of pressures that is: so long, and so many deviations.
+#: A skew of pressures that is: so long, and so many deviations; of delays as many.
 _SKEW_S, _DEVIATIONS = 5.0e-5, 3.0
 
 
@@ -83,10 +83,10 @@ def robot_of(
     cylinders, fitted_std, refused = _cylinders(robot, values, std)
     deviations = dict(given.standard_deviations) if fixed_base else {}
     deviations |= fitted_std | _own_deviations(robot, std)
-    late = [n for at in predictor.delay_columns.values() if (n := names[at]) in std]
-    delay_s, differ = _delay(predictor, fitted, given) if late else (given.command_delay_s, ())
-    if late and not set(late) & set(fitted.held):
-        deviations[DELAY] = max(std[name] for name in late)
+    told, held = _told_delays(predictor, fitted, std)
+    delay_s, differ = _delay(fitted, told, held, given)
+    if told and not held:
+        deviations[DELAY] = max(told.values())
     deviations |= _effect_deviations(fitted, covariance)
     whole = replace(
         robot,
@@ -143,13 +143,38 @@ def _own_deviations(robot: Robot, std: Mapping[str, float]) -> dict[str, float]:
     return {name: std[name] for name in names if name in std}
 
 
-def _delay(predictor: Predictor, fitted: Fitted, given: Robot) -> tuple[float, tuple[str, ...]]:
+def _told_delays(
+    predictor: Predictor, fitted: Fitted, std: Mapping[str, float]
+) -> tuple[dict[int, float], bool]:
+    """Deviations of the delays that were fitted, by cylinder, and whether any is at a bound.
+
+    A delay that no row tells stays at the robot file's, without a deviation. One at a bound has
+    none either, nor the one that stays beside an effect of the same name.
+    """
+    beside = [term.cylinder for term in fitted.model.terms if term.effect.name == DELAY]
+    told, held = dict[int, float](), False
+    for index, at in predictor.delay_columns.items():
+        name = predictor.names[at]
+        bound = name in fitted.held
+        if name in std and (std[name] > 0.0 or bound or None in beside or index in beside):
+            told[index] = std[name]
+            held |= bound
+    return told, held
+
+
+def _delay(
+    fitted: Fitted, told: Mapping[int, float], held: bool, given: Robot
+) -> tuple[float, tuple[str, ...]]:
     """One command delay for all valves, and a note where theirs differ."""
-    own = [fitted.model.delays_s[index] for index in predictor.delay_columns]
-    if not own:
+    if not told:
         return given.command_delay_s, ()
-    if max(own) - min(own) <= _SAME_DELAY_S:
-        return float(np.mean(own)), ()
+    own = [fitted.model.delays_s[index] for index in told]
+    sizes = np.array(list(told.values()))
+    doubt_s = _DEVIATIONS * float(np.hypot(sizes[np.argmin(own)], sizes[np.argmax(own)]))
+    if max(own) - min(own) <= max(_SAME_DELAY_S, doubt_s):
+        # Of one and the same the valve that was hardly moved says as little as it knows.
+        weights = None if held or not sizes.all() else sizes**-2.0
+        return float(np.average(own, weights=weights)), ()
     found = ", ".join(f"{1e3 * value:.2g}" for value in own)
     note = f"the valves' command delays differ ({found} ms): the model has their mean"
     return float(np.mean(own)), (note,)
