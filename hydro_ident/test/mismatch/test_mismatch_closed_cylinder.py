@@ -11,10 +11,12 @@ import pytest
 
 from hydro_ident.estimate.forces.standstill import least_travel
 from hydro_ident.mismatch.answer.odd_valve import odd_valve
+from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.modelling.model import robot_of
-from hydro_ident.mismatch.rows.rests import motions_of
+from hydro_ident.mismatch.rows.rests import motions_of, moving_rows
 from hydro_ident.mismatch.split.residuals import Residuals
-from hydro_model.robot import Robot
+from hydro_model.effects.catalogue import resolve
+from hydro_model.robot import EffectSpec, Robot
 from hydro_model.simulation.simulate import simulate
 
 LIFT, TILT = 0, 1
@@ -78,3 +80,34 @@ def test_a_valve_that_was_never_moved_makes_no_other_late(laid: Residuals) -> No
     assert not any("delays differ" in note for note in found.notes)
     off_s = abs(found.robot.command_delay_s - true_s)
     assert off_s < 4.0 * found.robot.standard_deviations["command_delay"]
+
+
+def test_what_leaks_behind_a_closed_valve_is_asked(
+    crane_run: Any, lay_out: Callable[..., Residuals]
+) -> None:
+    """Its signal answers to nothing; `internal_leakage` is told apart by such a recording."""
+    leak = EffectSpec("internal_leakage", "tilt_cylinder", {"coefficient": 1.0e-13})
+    run = _parked(crane_run, replace(crane_run.robot, effects=(leak,)))
+    work = lay_out(run)
+    assert np.ptp(run.q[:, TILT]) < least_travel(work.robot)[TILT]
+    (term,) = resolve(replace(work.robot, effects=(leak,)))
+    start = work.base.model.with_term(replace(term, parameters=0.1 * term.parameters))
+    found = fit(work.training, start)
+    assert found.model.terms[-1].parameters[0] == pytest.approx(1.0e-13, rel=0.05, abs=0.0)
+
+
+def test_a_loop_that_holds_a_joint_in_its_encoders_noise_tells_nothing_of_its_valve(
+    parked: Any, lay_out: Callable[..., Residuals]
+) -> None:
+    """Unless it opens the valve by a tenth of all, and nothing moves."""
+    noise = 0.02 * np.random.default_rng(1).normal(size=len(parked.voltage))
+    for opened_v in (0.0, 2.0):
+        voltage = parked.voltage.copy()
+        voltage[:, TILT] = noise
+        voltage[4000:4500, TILT] += opened_v
+        material = lay_out(replace(parked, voltage=voltage)).training.predictor.material
+        own = material.channel == material.channels.index("tilt/flow_a")
+        asked = material.time_s[own & moving_rows(material)]
+        begin, end = material.stretches[0].trace.time_s[[4000, 4500]]
+        assert (asked.size > 10) == (opened_v > 0.0)
+        assert np.all((asked > begin - 0.2) & (asked < end + 0.2))

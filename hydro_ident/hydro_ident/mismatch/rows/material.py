@@ -217,11 +217,9 @@ class Material:
     def commanded(self) -> list[int]:
         """Cylinders whose valve was commanded: its signal is not the same all the while."""
         signals = [s.trace.valve_signal for s in self.stretches]
-        return [
-            i
-            for i in range(len(self.robot.cylinders))
-            if any(np.unique(u[np.isfinite(u[:, i]), i]).size > 1 for u in signals)
-        ]
+        known = [[u[np.isfinite(u[:, i]), i] for u in signals]
+                 for i in range(len(self.robot.cylinders))]  # fmt: skip
+        return [i for i, own in enumerate(known) if any((u != u[:1]).any() for u in own)]
 
     def masks(self, split: HoldOut) -> tuple[BoolArray, BoolArray]:
         """Rows to fit and rows to score of a split."""

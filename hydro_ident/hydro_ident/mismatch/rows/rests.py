@@ -21,7 +21,8 @@ _HARDLY, _SOME, _TOP = 0.95, 0.1, 0.999
 #: A joint rests where it is slower than this share of its usual fast speed for so long; the
 #: filters smear what it does there into some rows before and after, at least so many seconds.
 REST_SPEED, REST_REACH_S = 0.01, 0.1
-#: A valve's signal below this share of its usual large one does nothing on purpose.
+#: A valve's signal below this share of its usual large one does nothing on purpose; of a joint
+#: that stands still, of its rated one.
 IDLE_SIGNAL = 0.1
 #: A motion is one beyond this share of the usual fast speed.
 MOTION_SPEED = 0.1
@@ -113,7 +114,8 @@ def moving_rows(material: Material) -> BoolArray:
     At rest dry friction is whatever holds the load: no law of velocity says anything about
     it, and every one that is asked is wrong in its own way. And a small valve signal is then
     what the controller makes of the disturbances in the same row: held against it, they look
-    like a law of the valve near its middle. A larger one that moves nothing is not.
+    like a law of the valve near its middle. A larger one that moves nothing is not; nor is one
+    that stays what it is, as that of a closed valve: what flows there is a leak.
     """
     result = np.ones(material.size, dtype=np.bool_)
     reach_s = max(REST_REACH_S, 1.0 / material.filters.parallel_hz)
@@ -141,9 +143,15 @@ def moving_rows(material: Material) -> BoolArray:
 
 
 def _idle(material: Material, stretch: Stretch, cylinder: int) -> BoolArray:
-    """Samples whose valve signal is small beside what is usual."""
+    """Samples whose valve signal is small beside what is usual, and answers to something.
+
+    Where a joint stands still what is usual is a loop's answer to noise: small is it by its range.
+    """
+    if cylinder not in material.commanded():
+        return np.zeros(stretch.trace.samples, dtype=np.bool_)
     signals = [np.abs(s.trace.valve_signal[:, cylinder]) for s in material.stretches]
-    usual = usual_size(signals) or 0.0
+    joint = material.robot.joint_index(material.robot.cylinders[cylinder].joint)
+    usual = 1.0 if joint in stretch.still else usual_size(signals) or 0.0
     return np.asarray(np.abs(stretch.trace.valve_signal[:, cylinder]) < IDLE_SIGNAL * usual)
 
 
