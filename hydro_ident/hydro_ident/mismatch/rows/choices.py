@@ -39,6 +39,8 @@ _REST = 3.0
 #: Share of the commands' rate that is the motion's own, the time over which their spectrum is
 #: taken, windows per period at the frequency below which it lies, and the longest of them.
 _OWN, _SPECTRUM_S, _PER_PERIOD, _LONGEST_S = 0.9, 8.0, 10.0, 0.1
+#: Share of a valve's samples that has to be known for its commands to be looked at.
+_MOSTLY = 0.5
 #: Recordings whose sampling intervals differ by no more than this share have one rate.
 _SAME_RATE = 1.0e-3
 #: Slowest differentiation.
@@ -142,10 +144,10 @@ def _command_window(traces: Sequence[Trace]) -> float:
     step_s = max(traces, key=lambda t: t.samples * t.step_s).step_s
     count, power = round(_SPECTRUM_S / step_s), np.zeros(0)
     for trace in traces:
-        known = np.isfinite(trace.valve_signal).all(axis=0)
+        signals = _mostly_known(trace.valve_signal)
         alike = abs(trace.step_s - step_s) <= _SAME_RATE * step_s
-        if alike and trace.samples > count and known.any():
-            rate = np.diff(trace.valve_signal[:, known], axis=0) / step_s
+        if alike and trace.samples > count and signals.size:
+            rate = np.diff(signals, axis=0) / step_s
             hz, own = welch(rate, 1.0 / step_s, nperseg=count, axis=0)
             power = trace.samples * own.sum(axis=1) + (power if power.size else 0.0)
     if not power.any():
@@ -153,6 +155,20 @@ def _command_window(traces: Sequence[Trace]) -> float:
     share = np.cumsum(power) / power.sum()
     quickest = float(hz[max(int(np.searchsorted(share, _OWN)), 1)])
     return min(1.0 / (_PER_PERIOD * quickest), _LONGEST_S)
+
+
+def _mostly_known(signals: FloatArray) -> FloatArray:
+    """Columns of signals (N, m) of which half or more are known, straight over what is not.
+
+    As slow as they are: held over a hole they would leap behind it.
+    """
+    known, at = np.isfinite(signals), np.arange(len(signals))
+    columns = [
+        np.interp(at, at[k], u[k])
+        for u, k in zip(signals.T, known.T, strict=True)
+        if k.size and np.mean(k) >= _MOSTLY
+    ]
+    return np.stack(columns, axis=1) if columns else np.zeros((len(signals), 0))
 
 
 def _inertia_limit(
