@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from hydro_control.monitoring.bad_samples import RECURS, RECURS_NS, SETTLED, BadSampleWatch
+from hydro_control.monitoring.bad_samples import BadSampleWatch
 
 STEP_NS = 2_000_000
+SECOND_NS = 1_000_000_000
 
 
 def judged(watch: BadSampleWatch, stamps_ns: range, found: str = "") -> list[str]:
@@ -23,12 +24,12 @@ def test_good_samples_in_a_row_are_counted_from_the_last_bad_one() -> None:
     watch = BadSampleWatch()
     assert judged(watch, samples(0, 100)) == [""] * 100
     assert (watch.shut, watch.found, watch.fault) == ("", "", "")
-    shut = f"this; 0 V until {SETTLED} samples in a row are good"
+    shut = "this; 0 V until 25 samples in a row are good"
     assert judged(watch, samples(100, 1), "this") == [shut]
     assert (watch.shut, watch.found) == (shut, "this")
-    assert judged(watch, samples(101, SETTLED - 1)) == [shut] * (SETTLED - 1)
+    assert judged(watch, samples(101, 24)) == [shut] * 24
     assert judged(watch, samples(125, 2), "that") == [shut.replace("this", "that")] * 2
-    assert judged(watch, samples(127, SETTLED - 1)) == [watch.shut] * (SETTLED - 1)
+    assert judged(watch, samples(127, 24)) == [watch.shut] * 24
     assert watch.shut
     assert judged(watch, samples(151, 1)) == [shut.replace("this", "that")]
     assert (watch.shut, watch.fault) == ("", "")
@@ -54,17 +55,17 @@ def test_the_third_within_a_second_is_latched(over_ns: int) -> None:
     assert watch.fault
     watch.forget()
     assert (watch.shut, watch.found, watch.fault) == ("", "", "")
-    begins = 5 * RECURS_NS
-    for stamp_ns in (begins, begins + 300):
+    begins = 5 * SECOND_NS
+    for stamp_ns in (begins, begins + SECOND_NS // 2):
         judged(watch, range(stamp_ns, stamp_ns + 1), "this")
         judged(watch, range(stamp_ns + 1, stamp_ns + 200))
     assert (watch.shut, watch.fault) == ("", "")
-    third = begins + RECURS_NS + over_ns
+    third = begins + SECOND_NS + over_ns
     (said,) = judged(watch, range(third, third + 1), "this")
     if over_ns:
         assert watch.fault == ""
         assert said == watch.shut
     else:
-        again = f"this; it came and went {RECURS} times in 1.000 s"
+        again = "this; it came and went 3 times in 1.000 s"
         assert said == watch.fault
         assert said == f"{again}: latched until the controller is activated anew"
