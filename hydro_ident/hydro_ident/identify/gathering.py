@@ -14,7 +14,7 @@ from hydro_ident.estimate.flows.flow_moments import FlowGatherer
 from hydro_ident.estimate.flows.summed_flow import SummedFlow
 from hydro_ident.estimate.forces.end_stops import at_end_stops
 from hydro_ident.estimate.forces.inertial import ForceModel, force_rows
-from hydro_ident.estimate.forces.standstill import Rest
+from hydro_ident.estimate.forces.standstill import Rest, giving_way
 from hydro_ident.estimate.scoring.scores import HoldOut, Tally
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import Trace, traces_of_piece
@@ -130,6 +130,8 @@ def unfitted_notes(
             rows |= dict(zip(plan.model.channels, one.forces.lagged.tolist(), strict=True))
         rows |= {name: float(c.moments.lagged.sum()) for name, c in one.flows.chambers.items()}
         told = {loss.channel for loss in survey.recording.losses}
+        # Of these the verdict says that they did not move.
+        told |= {plan.model.channels[j] for j in giving_way(plan.still.get(one.name, {}))}
         lacking = [name for name, count in rows.items() if count == 0.0 and name not in told]
         if lacking:
             notes.append(

@@ -1,7 +1,8 @@
-"""A transducer that stands still within its scale while its joint moves."""
+"""A transducer that stands still within its scale while its joint moves, and a parked joint."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from hydro_ident.estimate.signals.traces import traces_of
 from hydro_ident.identify.identification import Identification, identify
 from hydro_ident.identify.survey import Survey, stuck_notes
 from hydro_model.robot_files import load_robot
+from hydro_model.simulation.simulate import simulate
 
 pytestmark = pytest.mark.needs("clarabel")
 
@@ -44,3 +46,17 @@ def test_a_stuck_transducer_is_said_beside_a_joint_without_angles(clean: Any) ->
     assert note.startswith(
         "bag: lift_cylinder/b read 50 bar (gauge) throughout, though lift moved"
     )
+
+
+def test_a_joint_that_swings_on_the_oil_behind_its_closed_valve_did_not_move(clean: Any) -> None:
+    """What it tells of the other one is right, and its own force is not said to be too short."""
+    voltage = clean.voltage * [1.0, 0.0]
+    out = simulate(clean.robot, 0.002 * np.arange(len(voltage)), voltage, clean.q[0])
+    run = replace(clean, q=out.q, p_a=out.p_a, p_b=out.p_b, voltage=voltage)
+    found = identify(load_robot("xs031"), [run.recording()])
+    assert found.verdict == "not_enough_data"
+    assert "tilt_cylinder.viscous_friction: tilt did not move" in found.problems[0]
+    assert not [n for n in found.notes if "nothing of it is fitted" in n]
+    values = {p.name: p.value for p in found.parameters}
+    true = clean.robot.cylinders[0].viscous_friction
+    assert values["lift_cylinder.viscous_friction"] == pytest.approx(true, rel=2e-3)

@@ -193,9 +193,8 @@ def force_rows(
     -------
     Rows or None
         One channel per joint, unknown at its end stops and of a joint that stands still but gives
-        way. None where the trace is shorter than the
-        filter's edges, or a joint angle or every force is missing: each force needs all the
-        angles.
+        way. None where the trace is shorter than the filter's edges, or a joint angle or every
+        force is missing: each force needs all the angles.
     """
     if model.corrected is not None:
         trace = model.corrected(trace)

@@ -111,5 +111,5 @@ def held_still(q: FloatArray, still: Mapping[int, Rest]) -> FloatArray:
 
 
 def giving_way(still: Mapping[int, Rest]) -> list[int]:
-    """Joints that stand still, but not by more than their encoders tell."""
+    """Joints that stand still, but show more than their encoders' noise."""
     return [joint for joint, rest in still.items() if not rest.held]
