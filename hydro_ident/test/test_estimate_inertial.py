@@ -134,15 +134,17 @@ def test_a_joint_that_a_coarse_encoder_sees_swing_moves(
 
 @pytest.mark.parametrize("bits", [15, 20])
 @pytest.mark.parametrize("swings", [0.0, 0.25, 8.0])
+@pytest.mark.parametrize("drift", [0.0, 5e-3])
 def test_what_shows_its_encoders_noise_alone_is_held(
-    robot: Robot, bits: int, swings: float
+    robot: Robot, bits: int, swings: float, drift: float
 ) -> None:
-    """By counts, coarse or fine; what goes further is used as it was read."""
+    """By counts, coarse or fine, if it creeps or not; what swings is used as it was read."""
     count, time = 2.0 * np.pi / (1 << bits), np.arange(0.0, 24.0, H)
     trace = _trace(robot, _motion(time, (1.0, 0.0)), time)
     noise = np.random.default_rng(2).normal(0.0, 0.5, trace.q.shape)
-    swing = swings * np.sin(2.0 * np.pi * 5.0 * time)[:, None] * [0.0, 1.0]
-    read = replace(trace, q=count * np.round(trace.q / count + swing + noise))
+    swing = count * swings * np.sin(2.0 * np.pi * 5.0 * time) + drift * time / time[-1]
+    at = trace.q + swing[:, None] * [0.0, 1.0]
+    read = replace(trace, q=count * np.round(at / count + noise))
     seen = SignalSurvey.of(robot, [read])
     assert still_joints(robot, seen) == (1,)
     q = held_still(read.q, rests_of(seen, (1,)))
@@ -170,6 +172,22 @@ def test_a_parked_joint_that_swings_on_its_oil_spoils_no_other(robot: Robot) -> 
     assert fit.fit.theta[at] == pytest.approx(FRICTION[0], rel=1e-3)
     # Without the swing's inertia, kilonewtons were left.
     assert fit.fit.channel_std[0] < 30.0
+
+
+def test_noise_of_a_joint_that_creeps_does_not_pass_for_motion(robot: Robot) -> None:
+    """Its drift is none that inertia would tell of."""
+    time = np.arange(0.0, 24.0, H)
+    moved = _motion(time, (1.0, 0.0))
+    moved.q[:, 1] += 3.0e-3 * time / time[-1]
+    noise = np.random.default_rng(0).normal(0.0, 3e-6, moved.q.shape)
+    trace = _trace(robot, moved, time)
+    fit = fit_inertial(force_model(robot), [replace(trace, q=trace.q + noise)])
+    assert fit is not None
+    assert fit.still == (1,)
+    for at, name in enumerate(fit.model.names):
+        if name.endswith("iyy"):
+            off = abs(fit.fit.theta[at] - _truth(robot)[at])
+            assert not fit.identifiable[at] or off < 0.05 * _truth(robot)[at], name
 
 
 def test_where_nothing_moves_everything_is_held(robot: Robot) -> None:

@@ -21,9 +21,10 @@ from hydro_model.robot import FloatArray, Robot
 #: does one that moves less than `STILL_RANGE`, where friction hides everything else.
 STILL_COUNTS, FLICKER_COUNTS = 200.0, 3.0
 STILL_RANGE, MOVING_RANGE = 0.01, 0.05
-#: What goes no further than so many deviations of its encoder's noise shows that alone: in half an
-#: hour at 500 samples a second white noise spans ten, and three counts are as much of rounding.
-NOISE_RANGE = 12.0
+#: What bends no further (`SignalSurvey.largest_bend`) than so many deviations of its encoder's
+#: noise shows that, or a drift, alone: white noise bends by six, a flicker between two counts by
+#: seven. Beyond, noise is less than a tenth of the squares of a swing.
+NOISE_BENDS = 12.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +36,9 @@ class Rest:
     at : float
         Its mean position.
     held : bool
-        It shows its encoder's noise alone and is held there, so that this cannot pass for motion.
-        Otherwise it gives way, by its oil as a rule: as it does all other joints feel, and what
-        its own force then tells is hidden by friction.
+        It shows its encoder's noise or a drift alone and is held there, so that this cannot pass
+        for motion. Otherwise it gives way, by its oil as a rule: as it does all other joints feel,
+        and what its own force then tells is hidden by friction.
     """
 
     at: float
@@ -81,9 +82,8 @@ def rests_of(signals: SignalSurvey, still: Sequence[int]) -> dict[int, Rest]:
     for joint in still:
         sensor = signals.q[joint]
         noise = sensor.noise(sensor.smallest_change)
-        travel = float(signals.high[joint] - signals.low[joint])
-        # Of a range that nobody knows nothing is to be read.
-        result[joint] = Rest(sensor.mean, alone or not travel > NOISE_RANGE * noise)
+        swings = signals.largest_bend(joint) > NOISE_BENDS * noise
+        result[joint] = Rest(sensor.mean, alone or not swings)
     return result
 
 
