@@ -104,3 +104,12 @@ def test_many_repeated_messages_are_said_few_are_counted(
     for notes in (read.notes, _streamed(path, robot)[1], inspect_bag(path, rows=100).damage):
         assert any(note.startswith(said) for note in notes) == told
         assert not any("another value" in note for note in notes)
+
+
+def test_a_repeated_message_that_differs_once_is_no_damage(tmp_path: Path, robot: Robot) -> None:
+    """As of a lockstep that sends a cycle's command again."""
+    order = [(k, dict(zip(NAMES, Q[k], strict=True))) for k in range(N)]
+    order.insert(301, (300, {"lift": 0.0, "tilt": 0.0}))
+    path = _written(tmp_path / "bag", robot, order)
+    np.testing.assert_array_equal(read_recording(path, robot).q, Q)
+    assert inspect_bag(path).damage == []

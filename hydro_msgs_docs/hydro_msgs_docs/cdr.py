@@ -40,8 +40,6 @@ FIELDS: Mapping[str, tuple[tuple[str, str | int], ...]] = {
 }
 _ENCAPSULATION = {0: ">", 1: "<"}
 _MAX_NAMES = 4096
-#: Of a message that begins with a header: up to the end of its stamp.
-HEADER_BYTES = 12
 
 
 class CdrError(ValueError):
@@ -81,35 +79,14 @@ class Layout:
 
     def stamp_ns(self, messages: ByteArray) -> IntArray:
         """Header stamps of an (N, size) array of messages, (N,) int64 nanoseconds."""
-        return _stamps_ns(messages, self.order)
+        sec = _column(messages, 4, 4, f"{self.order}i4").astype(np.int64)
+        nanosec = _column(messages, 8, 4, f"{self.order}u4").astype(np.int64)
+        return (sec * 1_000_000_000 + nanosec)[:, 0]
 
     def field(self, messages: ByteArray, name: str) -> FloatArray:
         """One field of an (N, size) array of messages, (N, k) float64."""
         offset, count = self.values[name]
         return _column(messages, offset, 8 * count, f"{self.order}f8").astype(np.float64)
-
-
-def header_stamps_ns(messages: ByteArray) -> IntArray:
-    """Stamps of messages that begin with a header, of either byte order.
-
-    Parameters
-    ----------
-    messages : (N, k) uint8 array
-        At least their first `HEADER_BYTES` bytes.
-
-    Returns
-    -------
-    (N,) int64 array
-        ns.
-    """
-    big, little = (_stamps_ns(messages, _ENCAPSULATION[flag]) for flag in (0, 1))
-    return np.where(messages[:, 1] == 0, big, little)
-
-
-def _stamps_ns(messages: ByteArray, order: str) -> IntArray:
-    sec = _column(messages, 4, 4, f"{order}i4").astype(np.int64)
-    nanosec = _column(messages, 8, 4, f"{order}u4").astype(np.int64)
-    return (sec * 1_000_000_000 + nanosec)[:, 0]
 
 
 def _column(messages: ByteArray, offset: int, size: int, kind: str) -> NDArray[np.generic]:

@@ -44,7 +44,8 @@ TYPES = {
 }
 #: A valve topic with stamps of its own meets less than this share of the cycles, by chance.
 _MATCHED = 0.5
-#: A lockstep repeats messages now and then; more of them is a fault of what recorded.
+#: A lockstep repeats messages now and then, and a command may have changed by then; more of them
+#: is a fault of what recorded.
 _FEW_REPEATED = 0.01
 
 
@@ -319,12 +320,13 @@ def irregular(repeats: Mapping[str, Repeats]) -> list[str]:
         if one.disordered:
             text = "messages with a stamp older than the one before"
             told.append(f"{name}: {one.disordered} {text}")
-        if one.contradicted:
+        few = _FEW_REPEATED * one.messages
+        if one.contradicted > few:
             told.append(
                 f"{name}: {one.contradicted} of {one.messages} messages tell another value of what"
                 " a message of the same stamp had told: the first holds"
             )
-        if one.duplicates > _FEW_REPEATED * one.messages:
+        if one.duplicates > few:
             told.append(
                 f"{name}: {one.duplicates} of {one.messages} messages left out: their stamps had"
                 " been there before"

@@ -16,13 +16,18 @@ from numpy.lib.stride_tricks import sliding_window_view
 from hydro_ident.bag.aligned import TYPES
 from hydro_ident.bag.mcap_types import MessageBlock
 from hydro_ident.bag.reader import files_of
-from hydro_msgs_docs.cdr import HEADER_BYTES, IntArray, header_stamps_ns
+from hydro_msgs_docs.cdr import IntArray
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_STATES
 
 #: A message that is further behind the newest of its topic is late.
 LATE_S = 1.0
 #: Of a topic of which fewer are late, nothing waits for them: strays, or stamps that changed.
 _STRAYS, _MOST_STRAYS = 0.01, 1000
+#: Encapsulation and stamp, by byte order.
+_HEADERS = tuple(
+    np.dtype([("kind", "V4"), ("sec", f"{order}i4"), ("nanosec", f"{order}u4")]) for order in "><"
+)
+_HEADER_BYTES = _HEADERS[0].itemsize
 _NOTHING_NS = int(np.iinfo(np.int64).max)
 
 
@@ -145,6 +150,13 @@ def _coming_ns(topics: dict[str, _Stamps], count: int) -> IntArray:
 
 
 def _stamps_of(block: MessageBlock) -> IntArray:
+    """Header stamps, with which all these messages begin."""
     buffer = np.frombuffer(block.data, dtype=np.uint8)
-    there = block.offset[block.length >= HEADER_BYTES]
-    return header_stamps_ns(sliding_window_view(buffer, HEADER_BYTES)[there])
+    there = block.offset[block.length >= _HEADER_BYTES]
+    heads = np.ascontiguousarray(sliding_window_view(buffer, _HEADER_BYTES)[there])
+    big, little = (
+        fields["sec"].astype(np.int64) * 1_000_000_000 + fields["nanosec"].astype(np.int64)
+        for fields in (heads.view(kind)[:, 0] for kind in _HEADERS)
+    )
+    # The second byte of the encapsulation tells the byte order.
+    return np.where(heads[:, 1] == 0, big, little)

@@ -44,7 +44,13 @@ class ValveRates:
     demoted: bool = False
 
     def after(self, state_v: FloatArray | None, command_v: FloatArray | None) -> ValveRates:
-        """With what one more piece tells, (N, m) arrays as of `valve_columns`."""
+        """With what one more piece tells.
+
+        Parameters
+        ----------
+        state_v, command_v : (N, m) array or None
+            As recorded.
+        """
         state, command = _share(state_v), _share(command_v)
         found = {
             t for t, s in ((VALVE_STATE, state), (VALVE_COMMAND, command)) if 0.0 < s < _DENSE
