@@ -103,6 +103,15 @@ def test_a_message_that_was_lost_is_not_made_up(bag_of, robot: Robot) -> None:
     assert [n for n in recording.notes if n.startswith(f"{VALVE_COMMAND} tells voltages in 90%")]
 
 
+def test_a_node_that_was_down_for_long_is_not_slow(bag_of, robot: Robot) -> None:
+    told = np.setdiff1d(np.arange(N), [30, 60, *range(400, 1000)])
+    path, _ = bag_of({VALVE_COMMAND: told})
+    recording = read_recording(path, robot)
+    assert recording.valve_v is not None
+    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(recording.valve_v[:, 0])), told)
+    assert [n for n in recording.notes if n.startswith(f"{VALVE_COMMAND} tells voltages in 60%")]
+
+
 def test_commands_are_taken_where_the_valves_state_is_told_seldom(
     bag_of, robot: Robot, small_blocks
 ) -> None:

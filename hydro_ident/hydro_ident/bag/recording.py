@@ -168,7 +168,7 @@ def _settle_voltages(
 ) -> list[str]:
     """Choose and hold the voltages of valves, with what follows from them; returns notes."""
     recorded = columns.pop("state_v"), columns["command_v"]
-    rates = earlier.rates.after(*recorded)
+    rates = earlier.rates.after(*recorded, grid)
     state_v = rates.held(VALVE_STATE, recorded[0], grid)
     command_v = rates.held(VALVE_COMMAND, recorded[1], grid)
     use_voltages(columns, state_v, command_v, rates)

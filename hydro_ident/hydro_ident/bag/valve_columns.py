@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.bag.grid import Topic, join
+from hydro_ident.bag.grid import BoolArray, Topic, join
 from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 from hydro_msgs_docs.topics import VALVE_COMMAND, VALVE_STATE
 
-#: A topic without a voltage in more than a fifth of the cycles is sparse, and no longer one that
-#: lost a message: what was sent meanwhile is nothing.
+#: A topic without a voltage in more than a fifth of the cycles, long pauses apart, is sparse, and
+#: no longer one that lost a message: what was sent meanwhile is nothing.
 _DENSE = 0.8
 #: Flows miss no more than windows here and there.
 _WHOLE = 0.95
@@ -43,19 +43,20 @@ class ValveRates:
     sparse: frozenset[str] = frozenset()
     demoted: bool = False
 
-    def after(self, state_v: FloatArray | None, command_v: FloatArray | None) -> ValveRates:
+    def after(
+        self, state_v: FloatArray | None, command_v: FloatArray | None, grid: IntArray
+    ) -> ValveRates:
         """With what one more piece tells.
 
         Parameters
         ----------
         state_v, command_v : (N, m) array or None
             As recorded.
+        grid : (N,) int64 array
         """
-        state, command = _share(state_v), _share(command_v)
-        found = {
-            t for t, s in ((VALVE_STATE, state), (VALVE_COMMAND, command)) if 0.0 < s < _DENSE
-        }
-        demoted = 0.0 < state < min(_MOST, command)
+        topics = ((VALVE_STATE, state_v), (VALVE_COMMAND, command_v))
+        found = {topic for topic, values in topics if 0.0 < _density(values, grid) < _DENSE}
+        demoted = 0.0 < _share(state_v) < min(_MOST, _share(command_v))
         return ValveRates(self.sparse | found, self.demoted or demoted)
 
     def held(self, topic: str, values: FloatArray | None, grid: IntArray) -> FloatArray | None:
@@ -74,12 +75,8 @@ class ValveRates:
         """
         if values is None or topic not in self.sparse:
             return values
-        rows = np.arange(len(grid))[:, None]
-        last = np.maximum.accumulate(np.where(np.isfinite(values), rows, -1), axis=0)
-        result = np.take_along_axis(values, np.maximum(last, 0), axis=0)
-        old = grid[:, None] - grid[np.maximum(last, 0)] > round(HELD_S * 1e9)
-        result[(last < 0) | old] = np.nan
-        return result
+        last, reached = _reached(np.isfinite(values), grid)
+        return np.where(reached, np.take_along_axis(values, last, axis=0), np.nan)
 
     def notes(
         self,
@@ -117,6 +114,23 @@ class ValveRates:
                 " that touch the others are left out"
             )
         return told
+
+
+def _reached(known: BoolArray, grid: IntArray) -> tuple[IntArray, BoolArray]:
+    """The last cycle with a voltage, and whether it is held until here; of (N, m) masks alike."""
+    rows = np.arange(len(grid))[:, None]
+    last = np.maximum.accumulate(np.where(known, rows, -1), axis=0)
+    from_ns = grid[np.maximum(last, 0)]
+    reached = (last >= 0) & (grid[:, None] - from_ns <= round(HELD_S * 1e9))
+    return np.maximum(last, 0), reached
+
+
+def _density(values: FloatArray | None, grid: IntArray) -> float:
+    """Share of the cycles with a voltage among those that one could be held in; 0 for none."""
+    if values is None or not np.isfinite(values).any():
+        return 0.0
+    known = np.asarray(np.isfinite(values).any(axis=1, keepdims=True), dtype=np.bool_)
+    return float(known.sum() / _reached(known, grid)[1].sum())
 
 
 def _share(values: FloatArray | None) -> float:
