@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from hydro_ident.bag.gaps import GapCount
 from hydro_ident.bag.reading_rate import SecondLook
 from hydro_ident.bag.recorded_run import Recording
+from hydro_ident.bag.stamp_jitter import StampJitter
 from hydro_ident.inspecting.signal_look import FULL_SHARE, SignalLook, look_at, parts_of
 
 #: A noisy transducer never repeats its reading this long, an encoder not while its valve is open.
@@ -34,9 +35,9 @@ class Finding:
     signal : str
         What it is about, e.g. `lift_cylinder/a`.
     kind : str
-        `stuck`, `saturated`, `limit`, `range`, `not_finite`, `latched`, `interpolated`, `gap`,
-        or `other`: the bag names another robot, or was recorded with another calibration or
-        mapping than the first of several.
+        `stuck`, `saturated`, `limit`, `range`, `not_finite`, `latched`, `interpolated`, `jitter`,
+        `gap`, or `other`: the bag names another robot, or was recorded with another calibration
+        or mapping than the first of several.
     text : str
         In words, with numbers.
     harmless : bool
@@ -63,21 +64,26 @@ def find_irregularities(recording: Recording) -> list[Finding]:
     """
     gaps, look = GapCount(), look_at(recording)
     gaps.add(recording.gaps)
-    second = SecondLook(look.changes, recording.period_s)
+    second, jitter = SecondLook(look.changes, recording.period_s), StampJitter(recording.period_s)
     for part in parts_of(recording):
         second.add(part)
-    return irregularities(look, second, gaps, recording.dead)
+        jitter.add(part)
+    return irregularities(look, (second, jitter), gaps, recording.dead)
 
 
 def irregularities(
-    look: SignalLook, second: SecondLook, gaps: GapCount, dead: Mapping[str, float]
+    look: SignalLook,
+    against: tuple[SecondLook, StampJitter],
+    gaps: GapCount,
+    dead: Mapping[str, float],
 ) -> list[Finding]:
     """What two looks at a recording's signals found.
 
     Parameters
     ----------
     look : SignalLook
-    second : SecondLook
+    against : SecondLook and StampJitter
+        What a second look counts against the period that the first one found.
     gaps : GapCount
         Of the cycles.
     dead : mapping of str to float
@@ -87,10 +93,12 @@ def irregularities(
     -------
     list of Finding
     """
+    second, jitter = against
     period_s = second.period_s
     return [
         *_gaps(gaps, look.first_ns),
         *_interpolated(second),
+        *_jitter(jitter),
         *_latched(look, period_s),
         *_joints(look, period_s),
         *_pressures(look, period_s, dead),
@@ -113,6 +121,18 @@ def _gaps(gaps: GapCount, first_ns: int) -> list[Finding]:
 def _interpolated(second: SecondLook) -> list[Finding]:
     every = second.every()
     return [] if every == 1 else [Finding("cycles", "interpolated", second.text(every))]
+
+
+def _jitter(jitter: StampJitter) -> list[Finding]:
+    if not jitter.uneven:
+        return []
+    of_readings = jitter.of_readings
+    text = {
+        True: "readings were taken at them: they are interpolated to even times before use",
+        False: "readings were taken at even times: they are used as such",
+        None: "readings do not tell whether they were taken at them: they are used as even",
+    }[of_readings]
+    return [Finding("cycles", "jitter", f"{jitter.text}; {text}", harmless=not of_readings)]
 
 
 def _latched(look: SignalLook, period_s: float) -> list[Finding]:

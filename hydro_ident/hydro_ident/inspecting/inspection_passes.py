@@ -10,6 +10,7 @@ from hydro_ident.bag.aligned import Meetings
 from hydro_ident.bag.gaps import GapCount, GapFinder
 from hydro_ident.bag.intervals import Intervals
 from hydro_ident.bag.reading_rate import SecondLook
+from hydro_ident.bag.stamp_jitter import StampJitter
 from hydro_ident.bag.stretch_cycles import Known
 from hydro_ident.bag.stretches import Stretch
 from hydro_ident.inspecting.complaints import Complaints
@@ -123,7 +124,7 @@ class SecondPass:
     gaps : dict of str to GapCount
         By topic, of those with a rate.
     cycle_gaps : GapCount
-    readings : SecondLook or None
+    readings : SecondLook and StampJitter, or None
 
     Raises
     ------
@@ -136,11 +137,11 @@ class SecondPass:
         self.finders = {t: _finder(s.intervals, s.intervals.period_s) for t, s in steady.items()}
         self.gaps = {topic: GapCount() for topic in steady}
         self.cycle_gaps = GapCount()
-        self.readings: SecondLook | None = None
+        self.readings: tuple[SecondLook, StampJitter] | None = None
         self._cycles: GapFinder | None = None
         if signals is not None:
             period_s = first.period_s(signals.robot)
-            self.readings = SecondLook(signals.changes, period_s)
+            self.readings = SecondLook(signals.changes, period_s), StampJitter(period_s)
             if first.cycles.count > 1:
                 self._cycles = _finder(first.cycles.intervals, period_s)
 
@@ -155,7 +156,8 @@ class SecondPass:
             if topic in stretch.stamps:
                 self.gaps[topic].add(g for _, g in finder.add(stretch.stamps[topic]))
         if stretch.cycles is not None and self.readings is not None:
-            self.readings.add(stretch.cycles)
+            for look in self.readings:
+                look.add(stretch.cycles)
             if self._cycles is not None:
                 self.cycle_gaps.add(g for _, g in self._cycles.add(stretch.cycles.stamp_ns))
 

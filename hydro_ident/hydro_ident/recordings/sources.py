@@ -13,6 +13,7 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import COLUMNS, OVERLAP_S, PIECE_S, Piece, stream_recordings
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.signals.traces import Trace, traces_of_piece
+from hydro_ident.recordings.even_grid import on_even_grid
 from hydro_model.robot import Robot
 
 #: Longer than any recording: a piece is the whole.
@@ -57,7 +58,8 @@ class BagSource:
 
     def pieces(self, piece_s: float = PIECE_S, overlap_s: float = OVERLAP_S) -> Iterator[Piece]:
         """The bag from its start, in pieces that overlap."""
-        pieces = at_own_rate(stream_recordings(self.path, self.robot, piece_s, overlap_s))
+        read = stream_recordings(self.path, self.robot, piece_s, overlap_s)
+        pieces = on_even_grid(at_own_rate(read))
         return (_called(piece, self.called) for piece in pieces) if self.called else pieces
 
 
@@ -82,7 +84,7 @@ class MemorySource:
 
         As one piece there is no overlap: `overlap_s` is not used.
         """
-        yield from at_own_rate([Piece.whole(self.recording)])
+        yield from on_even_grid(at_own_rate([Piece.whole(self.recording)]))
 
 
 @dataclass(slots=True)

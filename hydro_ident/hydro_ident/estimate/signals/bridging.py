@@ -79,6 +79,16 @@ class Stretch:
         return begin
 
 
+def longest_hole(period_s: float) -> int:
+    """Most cycles of a hole that is bridged.
+
+    Parameters
+    ----------
+    period_s : float
+    """
+    return max(1, int(LONGEST_HOLE_S / period_s + 1e-9))
+
+
 def stretches(
     parts: Sequence[slice],
     stamp_ns: IntArray,
@@ -101,7 +111,7 @@ def stretches(
     -------
     list of Stretch
     """
-    longest, found = max(1, int(LONGEST_HOLE_S / period_s + 1e-9)), list[Stretch]()
+    longest, found = longest_hole(period_s), list[Stretch]()
     for part in parts:
         if found:
             one = found[-1]
