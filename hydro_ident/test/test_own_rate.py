@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import map_columns
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.traces import traces_of_piece
+from hydro_ident.identify.identification import identify
 from hydro_ident.inspecting.health import find_irregularities
 from hydro_ident.mismatch.rows.choices import Choices, choices_of
 from hydro_ident.mismatch.split.residuals import own_forces
@@ -119,6 +121,66 @@ def test_a_coarse_encoder_alone_is_not_taken_for_one_that_is_held(
 def test_held_pressures_beside_quick_positions_are_not_thinned() -> None:
     quick, slow = recording(1e-5), held(recording(1e-5), 10)
     assert look_twice(replace(slow, q=quick.q)).every() == 1
+
+
+@pytest.mark.parametrize(("every", "slips"), [(2, False), (5, False), (10, True)])
+def test_pressures_that_are_held_are_led_from_reading_to_reading(every: int, slips: bool) -> None:
+    """Held they are late by half of that on average, and step."""
+    quick, true = recording(1e-5), recording(1e-5)
+    time = np.arange(len(quick)) / RATE_HZ
+    waves = 5e6 + 1e6 * np.sin(4.0 * time[:, None] + np.arange(4.0))
+    true = replace(quick, p_a=waves[:, :2], p_b=waves[:, 2:])
+    read = replace(held(true, every, slips), q=quick.q)
+    led = next(MemorySource(read).pieces()).recording
+    np.testing.assert_array_equal(led.q, quick.q)
+    for name in ("p_a", "p_b"):
+        off = getattr(led, name) - getattr(true, name)
+        known = np.isfinite(off)
+        assert known.mean() > 0.998
+        # A step of a held one is 40 kPa at most.
+        assert np.abs(off[known]).max() < 20.0
+        assert np.abs(getattr(read, name) - getattr(true, name)).max() > 3e3
+    assert led.read_s == pytest.approx(every / RATE_HZ)
+    [note] = led.notes
+    assert f"its pressures stand still over {every} samples at a time" in note
+    assert [(f.signal, f.kind) for f in find_irregularities(read)] == [("pressures", "held")]
+
+
+def test_a_held_pressure_at_rest_stays_at_rest_until_it_moves() -> None:
+    quick = recording(1e-5)
+    time = np.arange(len(quick)) / RATE_HZ
+    moved = 1e5 * np.sin(4.0 * time) + 2e6 * np.clip(time - 10.0, 0.0, 1.0)
+    moved[(time >= 5.0) & (time < 10.0)] = moved[5000]
+    read = replace(quick, p_a=np.stack([moved] * 2, 1), p_b=np.stack([moved] * 2, 1))
+    led = next(MemorySource(replace(held(read, 5), q=quick.q)).pieces()).recording
+    assert led.p_a is not None
+    np.testing.assert_allclose(led.p_a[5010:9990], moved[5000])
+
+
+def test_a_reading_that_is_missing_in_a_held_message_is_not_made_up() -> None:
+    quick, slow = recording(1e-5), held(recording(1e-5), 5)
+    assert slow.p_a is not None
+    p_a = slow.p_a.copy()
+    p_a[7000:7400, 1] = np.nan
+    led = next(MemorySource(replace(slow, q=quick.q, p_a=p_a)).pieces()).recording
+    assert led.p_a is not None
+    assert np.isnan(led.p_a[7000:7400, 1]).all()
+    assert np.isfinite(led.p_a[7000:7400, 0]).all()
+
+
+@pytest.mark.needs("clarabel")
+def test_oil_is_as_stiff_by_pressures_of_a_slower_bus(crane_run: Any) -> None:
+    """Held over 10 ms it was 3 % too soft, 15 standard deviations, without a word."""
+    whole = crane_run.recording()
+    at = np.arange(len(whole)) // 5 * 5
+    read = replace(whole, p_a=whole.p_a[at], p_b=whole.p_b[at])
+    found = {p.name: p for p in identify(whole.robot, [read]).parameters}
+    for cylinder in crane_run.robot.cylinders:
+        bulk = found[f"{cylinder.name}.bulk_modulus"]
+        assert bulk.value == pytest.approx(cylinder.bulk_modulus_pa, abs=3.0 * bulk.std)
+        assert bulk.std < 5e-3 * bulk.value
+    delay = found["command_delay"]
+    assert delay.value == pytest.approx(crane_run.robot.command_delay_s, abs=2.0 * delay.std)
 
 
 def choices(read: Recording) -> Choices:

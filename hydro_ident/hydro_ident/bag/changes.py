@@ -12,6 +12,9 @@ from hydro_ident.bag.running import Sums
 from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 
+#: Readings of sensors by the message they come in, in words, and their fields of a recording.
+MESSAGES = {"joint readings": ("q", "stroke", "effort"), "pressures": ("p_a", "p_b")}
+
 
 @dataclass(slots=True)
 class Bends:
@@ -174,12 +177,12 @@ class FirstLook:
 def sensor_columns(recording: Recording) -> Iterator[FloatArray]:
     """Readings of sensors by the message they come in."""
     robot, count = recording.robot, len(recording)
-    wide = {"stroke": len(robot.cylinders), "effort": robot.dof}
+    wide = {"q": robot.dof, "stroke": len(robot.cylinders), "effort": robot.dof}
     wide |= {"p_a": len(robot.cylinders), "p_b": len(robot.cylinders)}
 
     def of(name: str) -> FloatArray:
         values: FloatArray | None = getattr(recording, name)
         return np.full((count, wide[name]), np.nan) if values is None else values
 
-    yield np.concatenate([recording.q, of("stroke"), of("effort")], axis=1)
-    yield np.concatenate([of("p_a"), of("p_b")], axis=1)
+    for fields in MESSAGES.values():
+        yield np.concatenate([of(name) for name in fields], axis=1)

@@ -11,7 +11,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hydro_ident.bag.changes import Bends, Changes, FirstLook, sensor_columns, steps_of
+from hydro_ident.bag.changes import (
+    MESSAGES,
+    Bends,
+    Changes,
+    FirstLook,
+    sensor_columns,
+    steps_of,
+)
 from hydro_ident.bag.grid import BoolArray
 from hydro_ident.bag.intervals import Counts
 from hydro_ident.bag.recorded_run import Recording
@@ -130,6 +137,36 @@ class _Beat:
         return beat if over.any() else 1.0
 
 
+@dataclass(frozen=True, slots=True)
+class HeldMessage:
+    """Readings that stand still for longer than others of the recording do.
+
+    Attributes
+    ----------
+    name : str
+        In words.
+    fields : tuple of str
+        Of the recording.
+    samples : int
+        From one reading to the next.
+    rate_hz : float
+        Of the recording's cycles.
+    """
+
+    name: str
+    fields: tuple[str, ...]
+    samples: int
+    rate_hz: float
+
+    @property
+    def text(self) -> str:
+        """In words, how long."""
+        return (
+            f"its {self.name} stand still over {self.samples} samples at a time: about"
+            f" {self.rate_hz / self.samples:.3g} readings per second"
+        )
+
+
 @dataclass(slots=True)
 class SecondLook:
     """How many samples there are for each reading.
@@ -176,6 +213,16 @@ class SecondLook:
             samples = beat.samples()
             spacings += [max(one.spacing(), samples) for one in lines]
         return int(min(spacings, default=1.0))
+
+    def held(self) -> tuple[HeldMessage, ...]:
+        """Messages that are held for longer than there are samples for each reading."""
+        every, rate_hz = self.every(), 1.0 / self.period_s
+        found = []
+        for beat, (name, fields) in zip(self._beats, MESSAGES.items(), strict=True):
+            samples = round(beat.samples())
+            if samples > every:
+                found.append(HeldMessage(name, fields, samples, rate_hz))
+        return tuple(found)
 
     def text(self, every: int) -> str:
         """In words, how far a recording was interpolated, or its readings were held.

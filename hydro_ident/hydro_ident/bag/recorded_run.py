@@ -100,6 +100,8 @@ class Recording:
         Valves that `/valve_state` does not tell although it tells others.
     valve_rates : ValveRates
         Which topics of valves are sparse: `valve_v` is held between their messages.
+    read_s : float
+        From reading to reading of a message that came slower than the cycles; 0: none did.
     """
 
     path: Path
@@ -134,6 +136,7 @@ class Recording:
     turns: Turns = field(default_factory=dict)
     commanded: tuple[str, ...] = ()
     valve_rates: ValveRates = field(default_factory=ValveRates)
+    read_s: float = 0.0
 
     @property
     def other_robot(self) -> str:

@@ -157,7 +157,7 @@ class Job:
 
 
 def _slowest_s(seen: Iterable[Survey]) -> float:
-    return max(survey.recording.period_s for survey in seen)
+    return max(max(s.recording.period_s, s.recording.read_s) for s in seen)
 
 
 def prepared(

@@ -35,9 +35,9 @@ class Finding:
     signal : str
         What it is about, e.g. `lift_cylinder/a`.
     kind : str
-        `stuck`, `saturated`, `limit`, `range`, `not_finite`, `latched`, `interpolated`, `jitter`,
-        `gap`, or `other`: the bag names another robot, or was recorded with another calibration
-        or mapping than the first of several.
+        `stuck`, `saturated`, `limit`, `range`, `not_finite`, `latched`, `interpolated`, `held`,
+        `jitter`, `gap`, or `other`: the bag names another robot, or was recorded with another
+        calibration or mapping than the first of several.
     text : str
         In words, with numbers.
     harmless : bool
@@ -120,7 +120,8 @@ def _gaps(gaps: GapCount, first_ns: int) -> list[Finding]:
 
 def _interpolated(second: SecondLook) -> list[Finding]:
     every = second.every()
-    return [] if every == 1 else [Finding("cycles", "interpolated", second.text(every))]
+    found = [] if every == 1 else [Finding("cycles", "interpolated", second.text(every))]
+    return [*found, *(Finding(held.name, "held", held.text) for held in second.held())]
 
 
 def _jitter(jitter: StampJitter) -> list[Finding]:

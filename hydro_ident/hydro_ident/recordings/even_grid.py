@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from hydro_ident.bag.cubic import cubic_between
 from hydro_ident.bag.grid import BoolArray
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.stamp_jitter import StampJitter
@@ -27,7 +28,6 @@ _READ = (
     *("q_ref", "qd_ref", "force_ref", "tip_ref"),
 )
 _HELD = ("valve_v", "command_v")
-_NODES = 4
 
 
 def on_even_grid(pieces: Iterable[Piece]) -> Iterator[Piece]:
@@ -107,41 +107,12 @@ def _read(
     """Readings at even times, column by column where some are missing; NaN where one is."""
     known = np.isfinite(values)
     if known.all():
-        return _cubic(values, since, grid, reach)
+        return cubic_between(values, since, grid, reach)
     if values.ndim == 1:
-        laid = np.full(len(grid), np.nan)
-        if known.sum() >= _NODES:
-            laid = _cubic(values[known], since[known], grid, reach)
+        laid = cubic_between(values[known], since[known], grid, reach)
         return np.where(known[near], laid, np.nan)
     columns = [_read(column, since, grid, near, reach) for column in values.T]
     return np.stack(columns, axis=1)
-
-
-def _cubic(values: FloatArray, since: FloatArray, grid: FloatArray, reach: float) -> FloatArray:
-    """Lagrange's polynomial through the four nearest readings with no pause between them.
-
-    NaN before, behind and in pauses longer than `reach`.
-    """
-    count = len(since)
-    right = np.clip(np.searchsorted(since, grid), 1, count - 1)
-    part = np.concatenate([[0], np.cumsum(np.diff(since) > reach)])
-    begins = np.searchsorted(part, part)
-    ends = np.searchsorted(part, part, side="right")
-    begin, end = begins[right], ends[right]
-    start = np.clip(right - 2, begin, np.maximum(end - _NODES, begin))
-    usable = (part[right - 1] == part[right]) & (end - begin >= _NODES)
-    usable &= (grid >= since[right - 1]) & (grid <= since[right])
-    at = np.minimum(start[:, None] + np.arange(_NODES), count - 1)
-    nodes = since[at]
-    laid = np.zeros((len(grid), *values.shape[1:]))
-    for k in range(_NODES):
-        weight = np.ones(len(grid))
-        for j in (j for j in range(_NODES) if j != k):
-            span = nodes[:, k] - nodes[:, j]
-            weight *= (grid - nodes[:, j]) / np.where(span == 0.0, 1.0, span)
-        laid += (weight if values.ndim == 1 else weight[:, None]) * values[at[:, k]]
-    laid[~usable] = np.nan
-    return laid
 
 
 def _held(values: FloatArray, since: FloatArray, grid: FloatArray, cycle_ns: float) -> FloatArray:

@@ -148,10 +148,10 @@ class _Group:
     def information(self) -> float:
         return sum(1.0 / s.variance for s in self.steps.values())
 
-    def std_s(self, step_s: float) -> float:
+    def std_s(self, read_s: float) -> float:
         if self.information <= 0.0:
             return math.inf
-        return math.hypot(1.0 / math.sqrt(self.information), straight_s(step_s))
+        return math.hypot(1.0 / math.sqrt(self.information), straight_s(read_s))
 
     @property
     def dof(self) -> float:
@@ -164,10 +164,14 @@ class _Group:
 
 @dataclass(frozen=True, slots=True)
 class _Range:
-    """Delays from 0 to `longest_s`; `step_s`: the longest sampling interval."""
+    """Delays from 0 to `longest_s`.
+
+    `step_s` is the longest sampling interval, `read_s` the longest from reading to reading.
+    """
 
     longest_s: float
     step_s: float
+    read_s: float
 
 
 def fit_delay(
@@ -198,7 +202,9 @@ def fit_delay(
     if not chambers:
         return None
     parts = [p for c in chambers.values() for p in c.parts]
-    limits = _Range(min(p.longest_s for p in parts), max(p.step_s for p in parts))
+    step_s = max(p.step_s for p in parts)
+    read_s = max(step_s, *(p.read_s for p in parts))
+    limits = _Range(min(p.longest_s for p in parts), step_s, read_s)
     middle = 0.5 * limits.longest_s
     weights = {name: solve(c.blocks(middle)).weight for name, c in chambers.items()}
     begin = coarse_delay(chambers, weights, limits.longest_s)
@@ -211,11 +217,11 @@ def fit_delay(
         solve,
     )
     fitted = {
-        n: replace(_fitted(group_of[n], n, straight_s(limits.step_s)), carried=carried[n])
+        n: replace(_fitted(group_of[n], n, straight_s(limits.read_s)), carried=carried[n])
         for n in chambers
     }
-    std_s = common.std_s(limits.step_s)
-    valves = {n: ValveDelay(g.delay_s, g.std_s(limits.step_s)) for n, g in own.items()}
+    std_s = common.std_s(limits.read_s)
+    valves = {n: ValveDelay(g.delay_s, g.std_s(limits.read_s)) for n, g in own.items()}
     if len({one.delay_s for one in valves.values()}) < 2:
         valves = {}
     apart = max((abs(one.delay_s - common.delay_s) for one in valves.values()), default=0.0)
@@ -243,15 +249,15 @@ def _own_groups(
         name: _settled(chambers, common.delay_s, limits, weights, solve, common.variances)
         for name, chambers in by_valve.items()
     }
-    return groups if _differ(list(groups.values()), limits.step_s) else {}
+    return groups if _differ(list(groups.values()), limits.read_s) else {}
 
 
-def _differ(groups: Sequence[_Group], step_s: float) -> bool:
+def _differ(groups: Sequence[_Group], read_s: float) -> bool:
     """Whether delays differ by more than their errors.
 
     At a bound only the side is told: how far beyond it is a step that no deviation knows of.
     """
-    told = [(g.delay_s, g.std_s(step_s)) for g in groups if g.information > 0.0]
+    told = [(g.delay_s, g.std_s(read_s)) for g in groups if g.information > 0.0]
     pairs = itertools.combinations(told, 2)
     return any(abs(a - b) > DEVIATIONS * math.hypot(c, d) for (a, c), (b, d) in pairs)
 

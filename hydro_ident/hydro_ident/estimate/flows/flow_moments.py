@@ -202,12 +202,15 @@ class ChamberMoments:
         Sampling interval of the recording.
     windows : WindowSettings
         As gathered: with the delays that its columns reach.
+    read_s : float
+        As of `Trace`.
     """
 
     listed: tuple[str, ...]
     moments: Moments
     step_s: float
     windows: WindowSettings
+    read_s: float = 0.0
 
     @property
     def longest_s(self) -> float:
@@ -261,7 +264,9 @@ class FlowGatherer:
             name = chamber.channel
             if name not in self.chambers:
                 moments = Moments.like(rows, self.label)
-                self.chambers[name] = ChamberMoments(listed, moments, trace.step_s, windows)
+                self.chambers[name] = ChamberMoments(
+                    listed, moments, trace.step_s, windows, trace.read_s
+                )
             self.chambers[name].moments.add(rows, self.weights.get(name))
 
     def _rows(

@@ -60,6 +60,8 @@ class Trace:
         Samples of its own that nobody read: short holes, filled in between their neighbours.
     rails_read : pair of bool
         Whether supply and tank were recorded; else they are the robot file's constants.
+    read_s : float
+        From reading to reading of what came slowest, where that is more than `step_s`.
     """
 
     label: str
@@ -80,6 +82,7 @@ class Trace:
     latched: BoolArray | None = None
     bridged: int = 0
     rails_read: tuple[bool, bool] = (False, False)
+    read_s: float = 0.0
 
     @property
     def samples(self) -> int:
@@ -198,6 +201,7 @@ def _trace(recording: Recording, piece: slice, label: str, start_ns: int) -> Tra
         q_ref=_complete(recording.q_ref, piece),
         oil_c=_oil_temperature(recording, piece),
         latched=recording.latched[piece] if recording.latched[piece].any() else None,
+        read_s=recording.read_s,
     )
 
 

@@ -101,7 +101,7 @@ def choices_of(
     Choices
         The usual ones wherever these will do.
     """
-    usual, step_s = Choices(), max(t.step_s for t in (*traces, *others))
+    usual, step_s = Choices(), max(max(t.step_s, t.read_s) for t in (*traces, *others))
     quickest = usual.filters.differentiation_hz
     shortest = max(usual.windows_s[0], _command_window(traces))
     window_s = shortest
