@@ -16,6 +16,7 @@ from hydro_ident.estimate.forces.end_stops import at_end_stops
 from hydro_ident.estimate.forces.inertial import ForceModel, force_rows
 from hydro_ident.estimate.forces.standstill import Rest, giving_way
 from hydro_ident.estimate.scoring.scores import HoldOut, Tally
+from hydro_ident.estimate.signals.added_noise import with_position_noise
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import Trace, traces_of_piece
 from hydro_ident.estimate.statistics.moments import Moments
@@ -24,7 +25,7 @@ from hydro_ident.identify.channel_scores import ScoreKeeper, ScorePlan
 from hydro_ident.identify.survey import Survey
 from hydro_ident.recordings.cleaning import Cleaner
 from hydro_ident.recordings.sources import Source
-from hydro_model.robot import Robot
+from hydro_model.robot import FloatArray, Robot
 
 #: Periods of the parallel filter's cut-off over which it forgets to 1e-20.
 _FORGOTTEN = 20.0
@@ -56,6 +57,8 @@ class GatherPlan:
     cleaner : Cleaner or None
     rails_off_pa : mapping of str to float
         What constants of rails that were not read are taken to be off by.
+    position_noise : (k, n) array or None
+        Deviations of noise that positions are given, for as many further moments of the forces.
     """
 
     robot: Robot
@@ -73,6 +76,7 @@ class GatherPlan:
     longest_delay_s: float = 0.0
     cleaner: Cleaner | None = None
     rails_off_pa: Mapping[str, float] = field(default_factory=dict)
+    position_noise: FloatArray | None = None
 
     @property
     def overlap_s(self) -> float:
@@ -95,6 +99,8 @@ class Gathered:
         Samples taken for outliers, by sensor.
     stopped_s : float
         Time at end stops, whose rows of forces are left out.
+    disturbed : list of Moments
+        As `forces`, with each noise that the plan gives positions.
     """
 
     name: str
@@ -103,6 +109,7 @@ class Gathered:
     force_weights: Weights | None
     cleaned: dict[str, int] = field(default_factory=dict)
     stopped_s: float = 0.0
+    disturbed: list[Moments] = field(default_factory=list)
 
 
 def unfitted_notes(
@@ -196,6 +203,13 @@ def _add_forces(found: Gathered, plan: GatherPlan, trace: Trace) -> None:
     if found.forces is None:
         found.forces = Moments.like(rows, found.name)
     found.forces.add(rows, found.force_weights)
+    for k, noise in enumerate(() if plan.position_noise is None else plan.position_noise):
+        noisy = force_rows(plan.model, with_position_noise(trace, noise), plan.filters, still)
+        if noisy is not None:
+            noisy = plan.split.training(noisy)
+            if len(found.disturbed) == k:
+                found.disturbed.append(Moments.like(noisy, found.name))
+            found.disturbed[k].add(noisy, None)
 
 
 @dataclass(slots=True)

@@ -41,6 +41,7 @@ from hydro_ident.identify.job import (
     scored,
 )
 from hydro_ident.identify.model_error import flagged, left_out
+from hydro_ident.identify.position_noise import with_bias
 from hydro_ident.identify.recording_summary import RecordingSummary, recording_summaries
 from hydro_ident.identify.rejection import tested, within_bounds
 from hydro_ident.identify.verdict import (
@@ -169,6 +170,8 @@ def identify(
         settings.estimator, job.surveys, job.signals
     )
     estimates = within_bounds(robot, estimates)
+    if estimates.inertial is not None:
+        estimates = replace(estimates, inertial=with_bias(estimates.inertial, job.bias))
     advance("scoring on what was held out", 2, _STAGES)
     last = scored(job, estimates)
     estimates = replace(estimates, inertial=last.inertial)
@@ -207,7 +210,7 @@ def _concluded(job: Job, estimates: Estimates, last: Scores, settings: Settings)
             *job.notes,
             *score_notes(last, bool(job.others or job.every), inertial),
             *estimates.notes,
-            *slowed_notes(settings.filters, job.plan.filters),
+            *slowed_notes(settings.filters, settings.filters.borne_at(job.slowest_s)),
             *(text for text in run.rejected if text not in judged.problems),
             *physical_notes(physical),
             *_held_notes(inertial, hydraulic, parameters),

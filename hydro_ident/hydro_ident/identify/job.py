@@ -24,9 +24,10 @@ from hydro_ident.identify.channel_scores import ScorePlan, channel_scores
 from hydro_ident.identify.command_updates import update_notes, with_updates
 from hydro_ident.identify.continuity import bridged_notes, lost_notes, partial_notes
 from hydro_ident.identify.estimation import Estimates, cleaned_notes
-from hydro_ident.identify.estimator_choice import Choice
+from hydro_ident.identify.estimator_choice import REFERENCED_SHARE, Choice, referenced_share
 from hydro_ident.identify.gathering import GatherPlan, score_source
 from hydro_ident.identify.model_error import late_note, model_error_note
+from hydro_ident.identify.position_noise import Look, PositionBias, position_bias
 from hydro_ident.identify.survey import (
     Survey,
     apart_notes,
@@ -91,6 +92,8 @@ class Job:
     every : int
         One block in so many is held out; 0: none is.
     workers : Workers
+    bias : PositionBias
+        What the positions' noise does to the forces' parameters.
     """
 
     robot: Robot
@@ -102,6 +105,7 @@ class Job:
     still: tuple[int, ...]
     every: int
     workers: Workers
+    bias: PositionBias
 
     @property
     def surveys(self) -> tuple[Survey, ...]:
@@ -127,7 +131,7 @@ class Job:
     def notes(self) -> tuple[str, ...]:
         """What is to be said of the recordings."""
         notes = apart_notes(self.seen) + update_notes((*self.sources, *self.others))
-        notes += stuck_notes(self.seen)
+        notes += [*stuck_notes(self.seen), *self.bias.notes]
         for recording in (survey.recording for survey in self.seen):
             notes += [f"{recording.path.name}: {note}" for note in recording.notes]
             if recording.gaps:
@@ -192,22 +196,29 @@ def prepared(
     signals = merged_signals(robot, surveys)
     every = 0 if others else settings.hold_out_every
     still = still_joints(robot, signals)
-    filters = settings.filters.borne_at(_slowest_s(seen))
-    split = _hold_out(surveys, every, filters) if every else HoldOut(every=0)
-    sources, others = with_updates(robot, sources, others, seen, split.training)
-    effects = replace(effects, filters=filters)
     windows, longest_s = _delays_tried(robot, surveys, settings.windows)
-    plan = GatherPlan(
-        robot,
-        planned_force_model(robot, effects, surveys),
-        effects,
-        split,
-        filters,
-        windows,
-        still_positions(surveys, still),
-        longest_delay_s=longest_s,
-    )
-    return Job(robot, sources, others, seen, signals, plan, still, every, workers)
+
+    def plan_at(filters: FilterSettings) -> GatherPlan:
+        own = replace(effects, filters=filters)
+        return GatherPlan(
+            robot,
+            planned_force_model(robot, own, surveys),
+            own,
+            _hold_out(surveys, every, filters) if every else HoldOut(every=0),
+            filters,
+            windows,
+            still_positions(surveys, still),
+            longest_delay_s=longest_s,
+        )
+
+    free = settings.filters == FilterSettings()
+    bias = PositionBias(settings.filters.borne_at(_slowest_s(seen)))
+    # Instruments know nothing of the positions' noise.
+    if settings.estimator != "iv" and referenced_share(surveys) < REFERENCED_SHARE:
+        bias = position_bias(Look(plan_at, sources, still, signals, workers), bias.filters, free)
+    plan = plan_at(bias.filters)
+    sources, others = with_updates(robot, sources, others, seen, plan.split.training)
+    return Job(robot, sources, others, seen, signals, plan, still, every, workers, bias)
 
 
 @dataclass(frozen=True, slots=True)

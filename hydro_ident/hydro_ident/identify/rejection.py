@@ -206,6 +206,7 @@ def _causes(robot: Robot) -> str:
     return (
         "; likely causes: the robot file is of another machine, signals or their signs are"
         f" swapped, robot {robot.name} lacks an effect, the recordings carry different loads (each"
-        " is then to be identified alone), or the training motion was too poor (play"
-        f" a run of `excite --robot {robot.name}` and record it)"
+        " is then to be identified alone), positions are noisy beside their accelerations (finer"
+        " encoders, /joint_reference or slower cut-offs help), or the training motion was too poor"
+        f" (play a run of `excite --robot {robot.name}` and record it)"
     )

@@ -44,17 +44,10 @@ def force_noise(
     """
     robot = model.robot
     survey = seen if isinstance(seen, SignalSurvey) else SignalSurvey.of(robot, seen)
-    smooth, accelerate = (
-        math.sqrt(survey.mean_over_rates(gain))
-        for gain in (
-            lambda step_s: _gains(step_s, settings)[0] ** 2,
-            lambda step_s: _gains(step_s, settings)[1] ** 2,
-        )
-    )
-    encoder = encoder_noise(survey)
+    smooth = math.sqrt(survey.mean_over_rates(lambda step_s: _gains(step_s, settings)[0] ** 2))
     pose = survey.pose
     inertia = np.asarray(mass_matrix(fitted or robot, pose))
-    variance = (inertia**2) @ (encoder * accelerate) ** 2
+    variance = (inertia**2) @ acceleration_noise(survey, settings) ** 2
     measured = range(robot.dof) if model.torque else robot.dry_joints
     for joint in measured:
         variance[joint] += (survey.effort[joint].noise(0.0) * smooth) ** 2
@@ -66,6 +59,18 @@ def force_noise(
             noise = sensor.noise(robot.sensors.pressure_resolution_pa)
             variance[joint] += (area * noise * smooth) ** 2
     return np.asarray(np.sqrt(variance))
+
+
+def acceleration_noise(survey: SignalSurvey, settings: FilterSettings) -> FloatArray:
+    """Deviations that the positions' noise makes of the joints' accelerations, (n,).
+
+    Parameters
+    ----------
+    survey : SignalSurvey
+    settings : FilterSettings
+    """
+    gain = math.sqrt(survey.mean_over_rates(lambda step_s: _gains(step_s, settings)[1] ** 2))
+    return encoder_noise(survey) * gain
 
 
 def flow_noise(

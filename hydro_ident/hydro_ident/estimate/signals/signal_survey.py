@@ -28,6 +28,8 @@ _THIRD = math.sqrt(20.0)
 #: Time before and after a position over which it is seen to bend, s; and the share of these sizes
 #: that the largest does not pass, as outliers do.
 _BENDS_S, _LARGEST = 0.05, 0.99
+#: Accelerations are seen over this: a crane's are slower.
+_CURVE_S = 0.05
 #: A reading's usual size: few outliers are among the readings below it.
 _USUAL = 0.95
 
@@ -158,6 +160,11 @@ class SignalSurvey:
         Behind `arm` and `volume`.
     shortest, longest : (m, 2) array
         Range of the strokes while chambers a and b were read; infinite where they never were.
+    curves : (n, 2) array
+        Of joints' accelerations over some hundredths of a second: sum of squares, and what noise
+        of 1 (rad or m) adds to it.
+    curved : float
+        How many.
     seconds : dict of float to float
         Recorded time by sampling interval.
     """
@@ -178,6 +185,8 @@ class SignalSurvey:
     samples: FloatArray = field(init=False)
     shortest: FloatArray = field(init=False)
     longest: FloatArray = field(init=False)
+    curves: FloatArray = field(init=False)
+    curved: float = 0.0
     seconds: dict[float, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -188,7 +197,7 @@ class SignalSurvey:
         self.p_a, self.p_b, self.stroke = ([Sensor() for _ in range(cylinders)] for _ in range(3))
         self.low, self.high = np.full(dof, np.inf), np.full(dof, -np.inf)
         self.arm, self.samples = np.zeros(cylinders), np.zeros(cylinders)
-        self.volume = np.zeros((cylinders, 2))
+        self.volume, self.curves = np.zeros((cylinders, 2)), np.zeros((dof, 2))
         self.shortest, self.longest = (np.full((cylinders, 2), b) for b in (np.inf, -np.inf))
 
     @staticmethod
@@ -207,6 +216,7 @@ class SignalSurvey:
             for i, sensor in enumerate(sensors):
                 sensor.add(values[:, i], own, trace.step_s)
         self._add_others(trace)
+        self._add_curves(trace)
         if np.isfinite(trace.q).all():
             self.low = np.minimum(self.low, trace.q[own].min(axis=0))
             self.high = np.maximum(self.high, trace.q[own].max(axis=0))
@@ -226,6 +236,28 @@ class SignalSurvey:
                 seen = strokes[known & np.isfinite(pressure)]
                 self.shortest[i, side] = np.min(seen, initial=self.shortest[i, side])
                 self.longest[i, side] = np.max(seen, initial=self.longest[i, side])
+
+    def _add_curves(self, trace: Trace) -> None:
+        span = max(1, round(_CURVE_S / trace.step_s))
+        own = slice(trace.owned.start, min(trace.owned.stop, trace.samples - 2 * span))
+        if own.stop <= own.start or not np.isfinite(trace.q).all():
+            return
+        bent = trace.q[2 * span :] - 2.0 * trace.q[span:-span] + trace.q[: -2 * span]
+        squares = bent[own] ** 2 / (span * trace.step_s) ** 4
+        count = own.stop - own.start
+        self.curves[:, 0] += squares.sum(axis=0)
+        self.curves[:, 1] += 6.0 * count / (span * trace.step_s) ** 4
+        self.curved += count
+
+    def curving(self, noise: FloatArray) -> FloatArray:
+        """Rms of the joints' accelerations, (n,), without what noise of such deviations makes.
+
+        Parameters
+        ----------
+        noise : (n,) array
+        """
+        squares = self.curves[:, 0] - self.curves[:, 1] * noise**2
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0) / max(self.curved, 1.0)))
 
     def _add_others(self, trace: Trace) -> None:
         """Efforts, strokes and rails, as far as an equation uses them."""
@@ -251,6 +283,7 @@ class SignalSurvey:
         self.low, self.high = np.minimum(self.low, other.low), np.maximum(self.high, other.high)
         self.arm, self.volume = self.arm + other.arm, self.volume + other.volume
         self.samples = self.samples + other.samples
+        self.curves, self.curved = self.curves + other.curves, self.curved + other.curved
         self.shortest = np.minimum(self.shortest, other.shortest)
         self.longest = np.maximum(self.longest, other.longest)
         for step_s, seconds in other.seconds.items():
