@@ -92,6 +92,34 @@ def test_evenly_sampled_readings_are_left_alone_however_their_stamps_jitter() ->
     assert "taken at even times" in found.text
 
 
+def test_steps_of_a_simulator_that_change_slowly_are_times_of_readings() -> None:
+    """By 12 % within two seconds: no difference from cycle to cycle sees that."""
+    count = round(SECONDS / PERIOD_S)
+    steps = PERIOD_S * (1.0 + 0.12 * np.sin(np.pi * PERIOD_S * np.arange(count)))
+    time = np.cumsum(steps)
+    read = replace(taken_at(0.0), stamp_ns=START_NS + np.round(time * 1e9).astype(np.int64))
+    read = replace(read, q=positions(time), period_s=usual_period_s(read.stamp_ns))
+    assert jitter_of(read).rms_s < 1e-3 * read.period_s
+    laid = used(read)
+    assert np.ptp(np.diff(laid.stamp_ns)) <= 1
+    assert np.abs(laid.q - positions((laid.stamp_ns - START_NS) * 1e-9)).max() < 5e-6
+    [note] = laid.notes
+    assert "now closer, now further apart" in note
+
+
+def test_stamps_that_jitter_much_tell_the_period_all_the_same() -> None:
+    """By the mean of what is about one interval it was 0.1 % off, and every edge with it."""
+    random, read = np.random.default_rng(2), taken_at(0.0)
+    late = np.round(random.uniform(-3.5e-3, 3.5e-3, len(read)) * 1e9).astype(np.int64)
+    stamp_ns = read.stamp_ns + late
+    period_s = usual_period_s(stamp_ns)
+    assert abs(period_s / PERIOD_S - 1.0) > 5e-4
+    read = replace(read, stamp_ns=stamp_ns, period_s=period_s, gaps=find_gaps(stamp_ns, period_s))
+    laid = used(read)
+    assert laid.period_s == pytest.approx(PERIOD_S, rel=5e-5)
+    np.testing.assert_array_equal(laid.q, read.q)
+
+
 @pytest.mark.parametrize("evenly", [True, False])
 def test_the_share_of_the_jitter_that_readings_have(evenly: bool) -> None:
     share, std = jitter_of(taken_at(1e-3, evenly=evenly)).share()

@@ -4,7 +4,8 @@ A loop timed by software reads its sensors when it comes to run: the stamps are 
 taken for even ones are off by speed times jitter. A device that samples evenly and whose messages
 are stamped as they arrive is off by that once the stamps are believed. Differences from cycle to
 cycle tell which: of what speed times jitter leaves in them, readings taken at their stamps hold
-all, evenly sampled ones nothing.
+all, evenly sampled ones nothing. A rate that wanders from quarter second to quarter second is no
+message's delay: those are the times of a simulator with steps of its own, or of a loop that slips.
 """
 
 from __future__ import annotations
@@ -32,6 +33,9 @@ _MISSING = 1.5
 #: Standard deviations of a share that decide; differences overlap, so that of N only a third tell.
 _CLEAR, _OVERLAP = 5.0, 3.0
 _FEWEST = 200
+#: A rate is that over so many cycles, of which bounded jitter is a percent at most; it wanders
+#: where over this share of them it is further from the usual one than this.
+_SPAN, _OFTEN, _ASTRAY = 25, 0.3, 0.03
 
 
 @dataclass(slots=True)
@@ -45,6 +49,10 @@ class StampJitter:
 
     period_s: float
     _rows: list[tuple[IntArray, FloatArray]] = field(default_factory=list)
+    #: Stamps of a span under way, spans without a missing cycle, and those whose rate is another.
+    _under_way: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    _spans: int = 0
+    _astray: int = 0
     _count: int = 0
     _squares: float = 0.0
     #: By column: products of what jitter would leave, of it with what is there, and of that.
@@ -52,6 +60,7 @@ class StampJitter:
 
     def add(self, recording: Recording) -> None:
         """Take in the next cycles."""
+        self._follow(recording.stamp_ns)
         values = np.concatenate(list(sensor_columns(recording)), axis=1)
         self._rows.append((recording.stamp_ns, values))
         stamps = np.concatenate([one for one, _ in self._rows])
@@ -68,6 +77,15 @@ class StampJitter:
             self._sums = np.zeros((4, values.shape[1]))
         if (bent[known] ** 2).sum() > (_EVEN * self.period_s * _GAIN) ** 2 * 0.1 * known.sum():
             self._compare(late, values, known)
+
+    def _follow(self, stamp_ns: IntArray) -> None:
+        stamps = np.concatenate([self._under_way, stamp_ns])
+        whole = max(0, len(stamps) - 1) // _SPAN * _SPAN
+        steps = np.diff(stamps[: whole + 1]).reshape(-1, _SPAN) / (self.period_s * 1e9)
+        there = (steps <= _MISSING).all(axis=1)
+        self._spans += int(there.sum())
+        self._astray += int((np.abs(steps[there].mean(axis=1) - 1.0) > _ASTRAY).sum())
+        self._under_way = stamps[whole:]
 
     def _compare(self, late: FloatArray, values: FloatArray, known: BoolArray) -> None:
         speed = (values[2 * _HALF :] - values[: -2 * _HALF]) / (2 * _HALF * self.period_s)
@@ -87,9 +105,14 @@ class StampJitter:
         return math.sqrt(self._squares / self._count) if self._count else 0.0
 
     @property
+    def wanders(self) -> bool:
+        """The rate is now this, now that."""
+        return self._count >= _FEWEST and self._astray > _OFTEN * self._spans
+
+    @property
     def uneven(self) -> bool:
         """Stamps jitter enough to ask."""
-        return self._count >= _FEWEST and self.rms_s > _EVEN * self.period_s
+        return self.wanders or (self._count >= _FEWEST and self.rms_s > _EVEN * self.period_s)
 
     def share(self) -> tuple[float, float]:
         """How much of the stamps' jitter the readings have, and its standard deviation.
@@ -113,8 +136,8 @@ class StampJitter:
 
         Above a share of a half they lie closer to their stamps than to an even grid.
         """
-        if not self.uneven:
-            return None
+        if self.wanders or not self.uneven:
+            return True if self.wanders else None
         share, std = self.share()
         return share > 0.5 if abs(share - 0.5) > _CLEAR * std else None
 
@@ -122,6 +145,8 @@ class StampJitter:
     def text(self) -> str:
         """In words."""
         period, rms = self.period_s * 1e3, self.rms_s * 1e3
+        if self.wanders:
+            return f"stamps are now closer, now further apart than {period:.4g} ms"
         return f"stamps lie {rms:.2g} ms (rms) off an even {period:.4g} ms"
 
 

@@ -28,26 +28,52 @@ _READ = (
     *("q_ref", "qd_ref", "force_ref", "tip_ref"),
 )
 _HELD = ("valve_v", "command_v")
+#: Periods that differ by less than this share are one: edges of valves are known no better.
+_SAME_PERIOD = 1.0e-4
 
 
 def on_even_grid(pieces: Iterable[Piece]) -> Iterator[Piece]:
     """Pieces of a recording, of one that was read at stamps that jitter on an even grid.
 
     The first piece that tells whether readings were taken at their stamps speaks for those that
-    follow; where none does, and where stamps are even, they stay as they are.
+    follow; where none does, and where stamps are even, they stay as they are. Those that were read
+    evenly stay, too, but for a period that their stamps told wrongly.
 
     Parameters
     ----------
     pieces : iterable of Piece
     """
     told: bool | None = None
-    text = ""
+    text, period_s = "", 0.0
     for piece in pieces:
         if told is None:
             jitter = StampJitter(piece.recording.period_s)
             jitter.add(piece.recording)
             told, text = jitter.of_readings, jitter.text
-        yield _laid(piece, text) if told else piece
+            period_s = piece.recording.period_s if told is None else _period_s(piece.recording)
+        if told:
+            yield _laid(piece, text)
+        else:
+            other = abs(period_s / piece.recording.period_s - 1.0) > _SAME_PERIOD
+            yield _at_period(piece, period_s) if other else piece
+
+
+def _at_period(piece: Piece, period_s: float) -> Piece:
+    return replace(piece, recording=replace(piece.recording, period_s=period_s))
+
+
+def _period_s(recording: Recording) -> float:
+    """The slope of stamps over cycles that follow each other.
+
+    The mean of what is about one interval is off by what jitter takes beyond its bounds.
+    """
+    products = squares = 0.0
+    for part in recording.segments:
+        stamps = recording.stamp_ns[part]
+        late = (stamps - stamps[0]) * 1e-9
+        cycle = np.arange(len(stamps)) - 0.5 * (len(stamps) - 1)
+        products, squares = products + float(cycle @ late), squares + float(cycle @ cycle)
+    return products / squares if squares else recording.period_s
 
 
 def _laid(piece: Piece, text: str) -> Piece:
