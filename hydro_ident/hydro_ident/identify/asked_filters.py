@@ -2,30 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 
 
-def slowed_notes(asked: FilterSettings, used: FilterSettings) -> list[str]:
+def slowed_notes(asked: FilterSettings, used: Mapping[str, FilterSettings]) -> list[str]:
     """That the recordings are too slow for the filters that were asked for.
 
     Parameters
     ----------
     asked : FilterSettings
-    used : FilterSettings
-        As they were borne.
+    used : mapping of str to FilterSettings
+        As they were borne, by recording.
 
     Returns
     -------
     list of str
-        Empty where both are the same.
+        One that names none where all recordings have the same; of those that bear what was asked
+        for there is nothing to say.
     """
+    said = {name: _slowed(asked, own) for name, own in used.items()}
+    if len(set(said.values())) == 1:
+        return [text for text in list(said.values())[:1] if text]
+    return [f"{name}: {text}" for name, text in said.items() if text]
+
+
+def _slowed(asked: FilterSettings, used: FilterSettings) -> str:
     if used == asked:
-        return []
-    return [
+        return ""
+    return (
         f"few samples a second: motion is looked at below {used.differentiation_hz:.3g} Hz, forces"
         f" below {used.parallel_hz:.3g} Hz (asked for: {asked.differentiation_hz:g} and"
         f" {asked.parallel_hz:g} Hz)"
-    ]
+    )
 
 
 def usable_filters(asked: FilterSettings, step_s: float) -> str:
@@ -35,7 +45,7 @@ def usable_filters(asked: FilterSettings, step_s: float) -> str:
     ----------
     asked : FilterSettings
     step_s : float
-        Sampling interval of the slowest recording.
+        Sampling interval of the slowest recording that is fitted.
 
     Returns
     -------

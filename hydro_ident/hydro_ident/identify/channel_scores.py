@@ -52,6 +52,9 @@ class ScorePlan:
         As given, and as fitted.
     split : HoldOut
     filters : FilterSettings
+        Of the quickest recording that is fitted; slower ones have theirs.
+    overlap_s : float
+        Overlap of pieces over which the filters settle.
     still : mapping of str to mapping of int to Rest
         By recording, how the joints stand that are still.
     every, every_fitted : int
@@ -66,6 +69,7 @@ class ScorePlan:
     effects: tuple[ListedEffects, ListedEffects]
     split: HoldOut
     filters: FilterSettings
+    overlap_s: float
     still: Mapping[str, Mapping[int, Rest]]
     every: int = 1
     every_fitted: int = 1

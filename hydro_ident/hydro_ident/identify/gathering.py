@@ -42,6 +42,9 @@ class GatherPlan:
     effects : ListedEffects
     split : HoldOut
     filters : FilterSettings
+        Of the quickest recording; slower ones have theirs as quick as they bear them.
+    overlap_s : float
+        Overlap of pieces over which the filters settle.
     windows : WindowSettings
     still : mapping of str to mapping of int to Rest
         By recording, how the joints stand that are still.
@@ -66,6 +69,7 @@ class GatherPlan:
     effects: ListedEffects
     split: HoldOut
     filters: FilterSettings
+    overlap_s: float
     windows: WindowSettings
     still: Mapping[str, Mapping[int, Rest]]
     forces: bool = True
@@ -77,11 +81,6 @@ class GatherPlan:
     cleaner: Cleaner | None = None
     rails_off_pa: Mapping[str, float] = field(default_factory=dict)
     position_noise: FloatArray | None = None
-
-    @property
-    def overlap_s(self) -> float:
-        """Overlap of pieces over which the filters settle."""
-        return overlap_s(self.filters)
 
 
 @dataclass(slots=True)
@@ -250,7 +249,7 @@ def score_source(source: Source, plan: ScorePlan, scored: bool, trained: bool) -
     comparison, cleaned = None, dict[str, int]()
     if trained and plan.hydraulic is not None:
         comparison = SummedFlow(plan.robot, plan.hydraulic.delay_of, plan.hydraulic.windows)
-    for piece in source.pieces(overlap_s=overlap_s(plan.filters)):
+    for piece in source.pieces(overlap_s=plan.overlap_s):
         for trace in _traces(piece, plan.cleaner, cleaned):
             keeper.add(trace)
             if comparison is not None:

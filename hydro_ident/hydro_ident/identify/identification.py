@@ -210,7 +210,7 @@ def _concluded(job: Job, estimates: Estimates, last: Scores, settings: Settings)
             *job.notes,
             *score_notes(last, bool(job.others or job.every), inertial),
             *estimates.notes,
-            *slowed_notes(settings.filters, settings.filters.borne_at(job.slowest_s)),
+            *slowed_notes(settings.filters, job.borne(settings.filters)),
             *(text for text in run.rejected if text not in judged.problems),
             *physical_notes(physical),
             *_held_notes(inertial, hydraulic, parameters),

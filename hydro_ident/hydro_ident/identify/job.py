@@ -25,7 +25,7 @@ from hydro_ident.identify.command_updates import update_notes, with_updates
 from hydro_ident.identify.continuity import bridged_notes, lost_notes, partial_notes
 from hydro_ident.identify.estimation import Estimates, cleaned_notes
 from hydro_ident.identify.estimator_choice import REFERENCED_SHARE, Choice, referenced_share
-from hydro_ident.identify.gathering import GatherPlan, score_source
+from hydro_ident.identify.gathering import GatherPlan, overlap_s, score_source
 from hydro_ident.identify.model_error import late_note, model_error_note
 from hydro_ident.identify.position_noise import Look, PositionBias, position_bias
 from hydro_ident.identify.survey import (
@@ -119,8 +119,13 @@ class Job:
 
     @property
     def slowest_s(self) -> float:
-        """Sampling interval of the slowest recording."""
-        return _slowest_s(self.seen)
+        """Sampling interval of the slowest recording that is fitted."""
+        return max(_steps_s(self.surveys))
+
+    def borne(self, asked: FilterSettings) -> dict[str, FilterSettings]:
+        """Filters by recording, as quick as each of them bears those that were asked for."""
+        steps_s = zip((survey.name for survey in self.seen), _steps_s(self.seen), strict=True)
+        return {name: asked.borne_at(step_s) for name, step_s in steps_s}
 
     @property
     def checks(self) -> tuple[Source, ...]:
@@ -160,8 +165,9 @@ class Job:
         return tuple(notes)
 
 
-def _slowest_s(seen: Iterable[Survey]) -> float:
-    return max(max(s.recording.period_s, s.recording.read_s) for s in seen)
+def _steps_s(seen: Iterable[Survey]) -> list[float]:
+    """From reading to reading."""
+    return [max(s.recording.period_s, s.recording.read_s) for s in seen]
 
 
 def prepared(
@@ -200,19 +206,22 @@ def prepared(
 
     def plan_at(filters: FilterSettings) -> GatherPlan:
         own = replace(effects, filters=filters)
+        slowest = filters.borne_at(max(_steps_s(surveys)))
         return GatherPlan(
             robot,
             planned_force_model(robot, own, surveys),
             own,
-            _hold_out(surveys, every, filters) if every else HoldOut(every=0),
+            _hold_out(surveys, every, slowest) if every else HoldOut(every=0),
             filters,
+            overlap_s(filters.borne_at(max(_steps_s(seen)))),
             windows,
             still_positions(surveys, still),
             longest_delay_s=longest_s,
         )
 
     free = settings.filters == FilterSettings()
-    bias = PositionBias(settings.filters.borne_at(_slowest_s(seen)))
+    # What is slower has slower filters of its own, whatever else is fitted or scored.
+    bias = PositionBias(settings.filters.borne_at(min(_steps_s(surveys))))
     # Instruments know nothing of the positions' noise.
     if settings.estimator != "iv" and referenced_share(surveys) < REFERENCED_SHARE:
         bias = position_bias(Look(plan_at, sources, still, signals, workers), bias.filters, free)
@@ -255,6 +264,7 @@ def scored(job: Job, estimates: Estimates) -> Scores:
         (job.plan.effects, estimates.effects),
         job.plan.split,
         job.plan.filters,
+        job.plan.overlap_s,
         job.plan.still,
         _plot_spacing(job.checked, job.every),
         _plot_spacing(job.surveys, 1),

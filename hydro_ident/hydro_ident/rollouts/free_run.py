@@ -270,7 +270,7 @@ def _corrected(
     trace = corrected(robot, errors, piece.trace)
     if np.array_equal(trace.q, piece.trace.q, equal_nan=True):
         return replace(piece, trace=trace)
-    _, velocity, _ = motion(trace.q, trace.step_s, filters)
+    _, velocity, _ = motion(trace.q, trace.step_s, filters.borne_at(trace.step_s))
     return replace(piece, trace=trace, velocity=velocity)
 
 

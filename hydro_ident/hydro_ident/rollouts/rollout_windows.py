@@ -87,7 +87,7 @@ def usable_pieces(robot: Robot, trace: Trace, filters: FilterSettings) -> list[P
         return []
     if trace.samples * trace.step_s < SHORTEST_S + 2.0 * _EDGE_S:
         return []
-    _, velocity, _ = motion(trace.q, trace.step_s, filters)
+    _, velocity, _ = motion(trace.q, trace.step_s, filters.borne_at(trace.step_s))
     edge = math.ceil(_EDGE_S / trace.step_s)
     # A velocity that the filter does not know well does for what came before.
     first = edge if not known[:edge].all() else 0

@@ -125,12 +125,13 @@ def known_motion(trace: Trace, filters: FilterSettings) -> Motion | None:
     ----------
     trace : Trace
     filters : FilterSettings
+        As quick as the trace bears them.
     """
     if trace.samples < _FEWEST:
         return None
     known = np.isfinite(trace.q).all(axis=0)
     own = np.full((3, *trace.q.shape), np.nan)
-    own[:, :, known] = motion(trace.q[:, known], trace.step_s, filters)
+    own[:, :, known] = motion(trace.q[:, known], trace.step_s, filters.borne_at(trace.step_s))
     return Motion(*own)
 
 

@@ -34,7 +34,7 @@ def at_end_stops(
     trace : Trace
         Every joint's angle is known.
     settings : FilterSettings
-        Its filters carry what happens at a stop so far.
+        Its filters, as quick as the trace bears them, carry what happens at a stop so far.
     still : container of int
         Joints that never move: without their rows nothing would be left of the others.
     """
@@ -43,6 +43,7 @@ def at_end_stops(
     near = {j: _near_an_end(robot, trace, j) for j in moving}
     if trace.samples < _LEAST or not any(where.any() for where in near.values()):
         return result
+    settings = settings.borne_at(trace.step_s)
     _, speed, _ = motion(trace.q, trace.step_s, settings)
     for cylinder in robot.cylinders:
         at = robot.joint_index(cylinder.joint)

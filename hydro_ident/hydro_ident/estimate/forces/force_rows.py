@@ -183,6 +183,7 @@ def force_rows(
     model : ForceModel
     trace : Trace
     settings : FilterSettings
+        As quick as the trace bears them: the equation holds under any filter of both its sides.
     still : mapping of int to Rest, optional
         Joints that stand still throughout.
     instruments : bool
@@ -198,6 +199,7 @@ def force_rows(
     """
     if model.corrected is not None:
         trace = model.corrected(trace)
+    settings = settings.borne_at(trace.step_s)
     keep = kept_samples(trace.samples, trace.step_s, settings, trace.cycle, trace.core)
     force = measured_force(model, trace)
     known = np.isfinite(force).all(axis=0)

@@ -74,6 +74,7 @@ def late_rows(model: ForceModel, trace: Trace, rows: Rows, settings: FilterSetti
     """
     if model.corrected is not None:
         trace = model.corrected(trace)
+    settings = settings.borne_at(trace.step_s)
     keep = kept_samples(trace.samples, trace.step_s, settings, trace.cycle, trace.core)
     rates = smooth_rates(measured_force(model, trace), trace.step_s, settings)
     rates = parallel_filter(rates, trace.step_s, settings, keep)

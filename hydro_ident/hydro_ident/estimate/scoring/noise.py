@@ -31,7 +31,7 @@ def force_noise(
 
     Noise of pressures, or of measured torques, through the filters, and encoder noise through the
     filters, the second derivative and the mass matrix at the mean pose; where recordings have
-    several rates, the rms over them by their time.
+    several rates, each with the filters that it bears, the rms over them by their time.
 
     Parameters
     ----------
@@ -122,6 +122,7 @@ def encoder_noise(survey: SignalSurvey) -> FloatArray:
 
 def _gains(step_s: float, settings: FilterSettings) -> tuple[float, float]:
     """Noise gains of the two filters in series, and of these with the second derivative."""
+    settings = settings.borne_at(step_s)
     count = 2 * (settings.edge_samples(step_s) + round(1.0 / (settings.parallel_hz * step_s))) + 1
     impulse = np.zeros(count)
     impulse[count // 2] = 1.0
