@@ -120,7 +120,7 @@ class ScoreKeeper:
             late = late_rows(model, trace, rows, plan.filters)
             late = plan.split.training(constant_rows(model, late))
             if self.late is None:
-                self.late = Moments.like(late, trace.recording)
+                self.late = Moments.like(late, trace.recording, sample_s=trace.step_s)
             self.late.add(late)
         speed = secant_slope(trace.time_s, trace.q)
         for side in self._sides():

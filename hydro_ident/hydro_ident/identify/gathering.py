@@ -200,7 +200,7 @@ def _add_forces(found: Gathered, plan: GatherPlan, trace: Trace) -> None:
         return
     rows = plan.split.training(rows)
     if found.forces is None:
-        found.forces = Moments.like(rows, found.name)
+        found.forces = Moments.like(rows, found.name, sample_s=trace.step_s)
     found.forces.add(rows, found.force_weights)
     for k, noise in enumerate(() if plan.position_noise is None else plan.position_noise):
         noisy = force_rows(plan.model, with_position_noise(trace, noise), plan.filters, still)

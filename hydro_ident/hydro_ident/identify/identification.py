@@ -186,6 +186,7 @@ def _concluded(job: Job, estimates: Estimates, last: Scores, settings: Settings)
     continuities = [survey.continuity for survey in job.surveys]
     asked = usable_filters(settings.filters, job.slowest_s)
     judged = judge(robot, recordings, inertial, hydraulic, continuities, asked)
+    judged = judged.with_problem(last.loads)
     found = None
     if judged.verdict != NOT_ENOUGH:
         found = identified_robot(robot, inertial, hydraulic, biases)

@@ -14,6 +14,7 @@ from hydro_ident.estimate.flows.hydraulics import HydraulicFit
 from hydro_ident.estimate.flows.summed_flow import SummedComparison
 from hydro_ident.estimate.forces.inertial import ForceModel, InertialFit, force_model
 from hydro_ident.estimate.forces.late_forces import LateForce, late_forces
+from hydro_ident.estimate.forces.loads_apart import loads_apart
 from hydro_ident.estimate.forces.standstill import still_joints
 from hydro_ident.estimate.forces.zeros import with_zeros
 from hydro_ident.estimate.scoring.scores import PLOT_POINTS, ChannelScore, HoldOut
@@ -245,6 +246,8 @@ class Scores:
         Forces that look late by so much that a friction is off.
     notes : tuple of str
         What was taken for outliers in recordings that took no part in the fit.
+    loads : str
+        That recordings which were fitted carry different loads; empty where they do not.
     """
 
     held_out: tuple[ChannelScore, ...]
@@ -253,6 +256,7 @@ class Scores:
     inertial: InertialFit | None = None
     late: tuple[LateForce, ...] = ()
     notes: tuple[str, ...] = ()
+    loads: str = ""
 
 
 def scored(job: Job, estimates: Estimates) -> Scores:
@@ -290,7 +294,9 @@ def scored(job: Job, estimates: Estimates) -> Scores:
     summed = () if total is None else total.result()
     late = [one.late for one in found if one.late is not None]
     fit = estimates.inertial and with_zeros(estimates.inertial, late, zero_pa(job.robot))
-    return Scores(tuple(held_out), tuple(fitted), summed, fit, _late(fit, late), tuple(notes))
+    loads = "" if fit is None else loads_apart(fit, late)
+    said = _late(fit, late), tuple(notes), loads
+    return Scores(tuple(held_out), tuple(fitted), summed, fit, *said)
 
 
 def _late(fit: InertialFit | None, gathered: Sequence[Moments]) -> tuple[LateForce, ...]:

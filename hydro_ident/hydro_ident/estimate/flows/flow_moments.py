@@ -263,7 +263,7 @@ class FlowGatherer:
                 continue
             name = chamber.channel
             if name not in self.chambers:
-                moments = Moments.like(rows, self.label)
+                moments = Moments.like(rows, self.label, sample_s=trace.step_s)
                 self.chambers[name] = ChamberMoments(
                     listed, moments, trace.step_s, windows, trace.read_s
                 )

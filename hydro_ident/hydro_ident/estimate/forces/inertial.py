@@ -133,7 +133,8 @@ def fit_inertial(
         if rows is not None:
             rows = rows if select is None else select(rows)
             name = trace.recording
-            gathered.setdefault(name, Moments.like(rows, name)).add(rows)
+            fresh = Moments.like(rows, name, sample_s=trace.step_s)
+            gathered.setdefault(name, fresh).add(rows)
     return inertial_fit(model, list(gathered.values()), still, settings)
 
 

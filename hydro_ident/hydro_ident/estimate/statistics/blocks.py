@@ -43,6 +43,8 @@ class Blocks:
     own_y : (G, r) array or None
     own_z : (G, r, p) array or None
         Instruments under robust weights.
+    sample_s : (G,) array or None
+        Sampling interval behind each group; None: all have the same.
     """
 
     x: FloatArray
@@ -59,6 +61,7 @@ class Blocks:
     own_x: FloatArray | None = None
     own_y: FloatArray | None = None
     own_z: FloatArray | None = None
+    sample_s: FloatArray | None = None
 
     @property
     def channels(self) -> int:
@@ -160,6 +163,7 @@ def blocks_of(
         own_x=own_x,
         own_y=own_y,
         own_z=own_z,
+        sample_s=np.array([moments[i].sample_s for i, _ in chosen]),
     )
 
 

@@ -44,6 +44,8 @@ class Moments:
         with other rows.
     stride : int
         Rows from one lag to the next (`Rows.stride`).
+    sample_s : float
+        Sampling interval of the recording; 0 where it is of no matter.
     rows : (k,) int array
         Measured rows.
     lagged : (k,) array
@@ -65,6 +67,7 @@ class Moments:
     instruments: bool = False
     lags: int = LAGS
     stride: int = 1
+    sample_s: float = 0.0
     rows: NDArray[np.intp] = field(init=False)
     lagged: FloatArray = field(init=False)
     own: FloatArray | None = field(init=False, default=None)
@@ -90,11 +93,11 @@ class Moments:
         self._tail_run = np.zeros(self.channels, dtype=np.intp)
 
     @staticmethod
-    def like(rows: Rows, label: str, lags: int = LAGS) -> Moments:
+    def like(rows: Rows, label: str, lags: int = LAGS, sample_s: float = 0.0) -> Moments:
         """Empty moments for rows of this shape."""
         _, channels, size = rows.x.shape
         width = size * (1 if rows.z is None else 2) + 1
-        return Moments(label, channels, width, rows.z is not None, lags, rows.stride)
+        return Moments(label, channels, width, rows.z is not None, lags, rows.stride, sample_s)
 
     @property
     def factor(self) -> FloatArray:

@@ -14,7 +14,12 @@ import numpy as np
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.statistics.blocks import Blocks, unit_columns
 from hydro_ident.estimate.statistics.noise_model import RANK
-from hydro_ident.estimate.statistics.solution import Estimator, Solution, levels, with_noise
+from hydro_ident.estimate.statistics.solution import (
+    Estimator,
+    Solution,
+    shared_levels,
+    with_noise,
+)
 from hydro_model.robot import FloatArray
 
 __all__ = [
@@ -36,7 +41,7 @@ _WEAK = 1.0e-5
 
 
 def solve_wls(blocks: Blocks, excess: float = 0.0) -> Solution:
-    """Every channel of every recording weighted by its residual.
+    """Every channel of every recording weighted by its residual (`shared_levels`).
 
     Parameters
     ----------
@@ -51,7 +56,7 @@ def solve_wls(blocks: Blocks, excess: float = 0.0) -> Solution:
     unit, norms = unit_columns(blocks)
     weight, estimator = np.ones(len(unit.labels)), _least_squares(unit, np.ones(len(unit.labels)))
     for _ in range(_WEIGHT_PASSES):
-        weight = 1.0 / levels(unit, estimator.theta) ** 2
+        weight = 1.0 / shared_levels(unit, estimator.theta) ** 2
         estimator = _least_squares(unit, weight)
     return _scaled(with_noise(unit, replace(estimator, excess=excess), unit.far), norms)
 
@@ -86,7 +91,7 @@ def solve_iv(blocks: Blocks, excess: float = 0.0) -> Solution:
     theta = _least_squares(unit, np.ones(len(unit.labels))).theta
     estimator = None
     for _ in range(_WEIGHT_PASSES):
-        weight = 1.0 / levels(unit, theta) ** 2
+        weight = 1.0 / shared_levels(unit, theta) ** 2
         estimator = _instrumental(unit, weight)
         theta = estimator.theta
     if estimator is None:

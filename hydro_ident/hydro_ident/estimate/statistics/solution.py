@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hydro_ident.estimate.statistics.blocks import Blocks
 from hydro_ident.estimate.statistics.lag_sums import autocovariance, shifted_autocovariances
@@ -29,6 +30,8 @@ from hydro_model.robot import FloatArray
 _PASSES, _SETTLED = 200, 1.0e-12
 #: Step of the differences by phi, as a share of the distance from the unit circle.
 _SLOPE_STEP = 0.02
+#: Sampling intervals that differ by less than this factor are of one rate.
+_SAME_RATE = 1.1
 #: More degrees of freedom are as good as a deviation that is known.
 MOST_DOF = 1.0e6
 
@@ -91,6 +94,34 @@ def levels(unit: Blocks, theta: FloatArray) -> FloatArray:
     # A floor keeps exact data (algebraic tests, a constant channel) from an infinite weight.
     floor = np.where(level > 0.0, 1e-22 * level, unit.count)
     return np.asarray(np.sqrt(np.maximum(squares, floor) / np.maximum(unit.count, 1.0)))
+
+
+def shared_levels(unit: Blocks, theta: FloatArray) -> FloatArray:
+    """Those that weigh the groups, (G,): none below its channel's over recordings of one rate.
+
+    Weights by each recording's own residual alone feed on themselves as soon as physics is left
+    out: the recording that is fitted a little better gains weight, until the others count for
+    nothing (two loads at the tip), and one at rest, which shows hardly any of it, takes all. One
+    that is clearly worse than the others counts less. A slow log, whose windows have errors of
+    their own, is one of another rate.
+
+    Parameters
+    ----------
+    unit : Blocks
+    theta : (p,) array
+    """
+    own, pool = levels(unit, theta), _pools(unit)
+    squares, count = (np.bincount(pool, v) for v in (own**2 * unit.count, unit.count))
+    return np.asarray(np.maximum(own, np.sqrt(squares / np.maximum(count, 1.0))[pool]))
+
+
+def _pools(unit: Blocks) -> NDArray[np.intp]:
+    """Numbers of the groups' pools: channel and rate, as far as rates are clearly apart."""
+    if unit.sample_s is None:
+        return unit.channel
+    rates, place = np.unique(unit.sample_s, return_inverse=True)
+    apart = rates[1:] > _SAME_RATE * rates[:-1]
+    return np.asarray(unit.channel + unit.channels * np.append(0, np.cumsum(apart))[place])
 
 
 def with_noise(unit: Blocks, estimator: Estimator, far: FloatArray) -> Solution:
