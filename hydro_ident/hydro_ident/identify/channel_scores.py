@@ -116,7 +116,7 @@ class ScoreKeeper:
         rows = force_rows(model, trace, plan.filters, still)
         if rows is None:
             return
-        if self.trained and not fit.rejected:
+        if self.trained:
             late = late_rows(model, trace, rows, plan.filters)
             late = plan.split.training(constant_rows(model, late))
             if self.late is None:

@@ -12,6 +12,7 @@ from hydro_ident.estimate.flows.delay import Solve, fit_delay
 from hydro_ident.estimate.flows.flow_moments import FlowGatherer
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit, Regather, hydraulic_fit
 from hydro_ident.estimate.forces.inertial import InertialFit, inertial_fit
+from hydro_ident.estimate.forces.late_forces import early_forces, held_at_zero
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.statistics.blocks import blocks_of
 from hydro_ident.estimate.statistics.histogram import Histogram
@@ -20,6 +21,7 @@ from hydro_ident.estimate.statistics.least_squares import (
     robust_settled,
     weights_of,
 )
+from hydro_ident.estimate.statistics.moments import Moments
 from hydro_ident.estimate.statistics.regression import Solution, solve_iv, solve_ols, solve_wls
 from hydro_ident.estimate.statistics.robust import EXCESS, Weights
 from hydro_ident.identify.estimator_choice import (
@@ -30,7 +32,13 @@ from hydro_ident.identify.estimator_choice import (
     first_choice,
     referenced_share,
 )
-from hydro_ident.identify.gathering import Gathered, GatherPlan, gather_source, unfitted_notes
+from hydro_ident.identify.gathering import (
+    Gathered,
+    GatherPlan,
+    gather_late,
+    gather_source,
+    unfitted_notes,
+)
 from hydro_ident.identify.survey import Survey
 from hydro_ident.recordings.cleaning import Cleaner
 from hydro_ident.recordings.sources import Source
@@ -84,6 +92,7 @@ class Estimation:
     still: tuple[int, ...]
     workers: Workers
     notes: list[str] = field(default_factory=list)
+    _gathered_late: list[Moments] | None = None
 
     def run(self, choice: Choice, surveys: Sequence[Survey], signals: SignalSurvey) -> Estimates:
         """Gather and fit.
@@ -133,7 +142,22 @@ class Estimation:
         moments = [g.forces for g in gathered if g.forces is not None]
         if not moments:
             return None
-        return inertial_fit(self.plan.model, moments, self.still, self.plan.filters, solve)
+        fitted = partial(
+            inertial_fit, self.plan.model, moments, self.still, self.plan.filters, solve
+        )
+        fit = fitted()
+        if fit is None or not fit.rejected:
+            return fit
+        early = early_forces(fit, self._late())
+        again = fitted(held_at_zero(fit, early)) if early else None
+        return fit if again is None or again.rejected else replace(again, early=early)
+
+    def _late(self) -> list[Moments]:
+        """Rows with columns for late forces, gathered where a friction cannot be."""
+        if self._gathered_late is None:
+            found = self.workers.map(partial(gather_late, plan=self.plan), self.sources)
+            self._gathered_late = [one for one in found if one is not None]
+        return self._gathered_late
 
     def _hydraulics(
         self, gathered: Sequence[Gathered], solve: Solve, regather: Regather | None = None

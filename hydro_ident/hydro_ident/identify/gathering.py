@@ -15,6 +15,7 @@ from hydro_ident.estimate.flows.summed_flow import SummedFlow
 from hydro_ident.estimate.forces.end_stops import at_end_stops
 from hydro_ident.estimate.forces.inertial import ForceModel, force_rows
 from hydro_ident.estimate.forces.standstill import Rest, giving_way
+from hydro_ident.estimate.forces.late_forces import late_rows
 from hydro_ident.estimate.scoring.scores import HoldOut, Tally
 from hydro_ident.estimate.signals.added_noise import with_position_noise
 from hydro_ident.estimate.signals.derivatives import FilterSettings
@@ -188,6 +189,32 @@ def gather_source(source: Source, plan: GatherPlan) -> Gathered:
                 flows.add(plan.effects.with_signal_laws(trace))
     # What is left are numbers: they travel between processes.
     flows.extra = flows.select = None
+    return found
+
+
+def gather_late(source: Source, plan: GatherPlan) -> Moments | None:
+    """Rows of the forces that are fitted with columns for the time that they may be late by.
+
+    Parameters
+    ----------
+    source : Source
+    plan : GatherPlan
+
+    Returns
+    -------
+    Moments or None
+        Without robust weights; None where there are no rows.
+    """
+    found, still = None, plan.still.get(source.name, {})
+    for piece in source.pieces(overlap_s=plan.overlap_s):
+        for trace in _traces(piece, plan.cleaner, {}):
+            rows = force_rows(plan.model, trace, plan.filters, still)
+            if rows is None:
+                continue
+            late = plan.split.training(late_rows(plan.model, trace, rows, plan.filters))
+            if found is None:
+                found = Moments.like(late, source.name, sample_s=trace.step_s)
+            found.add(late)
     return found
 
 

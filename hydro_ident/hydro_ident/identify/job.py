@@ -12,8 +12,9 @@ from hydro_ident.estimate.flows.chambers import WindowSettings
 from hydro_ident.estimate.flows.flow_moments import NEARLY
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit
 from hydro_ident.estimate.flows.summed_flow import SummedComparison
+from hydro_ident.estimate.forces.force_rows import LateForce
 from hydro_ident.estimate.forces.inertial import ForceModel, InertialFit, force_model
-from hydro_ident.estimate.forces.late_forces import LateForce, late_forces
+from hydro_ident.estimate.forces.late_forces import late_forces
 from hydro_ident.estimate.forces.loads_apart import loads_apart
 from hydro_ident.estimate.forces.standstill import still_joints
 from hydro_ident.estimate.forces.zeros import with_zeros
@@ -304,7 +305,8 @@ def _late(fit: InertialFit | None, gathered: Sequence[Moments]) -> tuple[LateFor
     if fit is None or not gathered:
         return ()
     pairs = zip(fit.fit.dof.tolist(), fit.fit.std.tolist(), strict=True)
-    return late_forces(fit, gathered, [student_95(dof) * std for dof, std in pairs])
+    widths = [student_95(dof) * std for dof, std in pairs]
+    return (*fit.early, *late_forces(fit, gathered, widths))
 
 
 def rolled_out(job: Job, found: Robot | None, hydraulic: HydraulicFit | None) -> FreeRun:

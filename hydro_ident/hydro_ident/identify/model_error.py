@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from hydro_ident.estimate.forces.force_rows import LateForce
 from hydro_ident.estimate.forces.inertial import InertialFit
-from hydro_ident.estimate.forces.late_forces import LateForce
 from hydro_ident.estimate.scoring.scores import ChannelScore
 from hydro_ident.identify.channel_scores import LEFT_OUT
 from hydro_ident.parameters.parameter_names import parts_of
@@ -51,11 +51,13 @@ def late_note(late: LateForce, fit: InertialFit) -> str:
     """
     value = float(fit.fit.theta[fit.model.names.index(late.friction)])
     when = "after" if late.late_s > 0.0 else "before"
+    at_zero = any(one.friction == late.friction for one in fit.early)
+    which = "at which it is held" if at_zero else "which is more than its interval says"
     return (
         f"forces of {', '.join(late.channels)} are as though read {abs(late.late_s) * 1e3:.3g} ms"
         f" {when} the positions (+- {late.std_s * 1e3:.2g} ms, one standard deviation): without"
-        f" that, {late.friction} would be {late.value:.4g} in place of {value:.4g}, which"
-        " is more than its interval says"
+        f" that, {late.friction} would be {late.value:.4g} in place of {value:.4g},"
+        f" {which}"
     )
 
 

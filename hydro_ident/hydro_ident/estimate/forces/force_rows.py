@@ -45,6 +45,29 @@ class Motion:
     qdd: FloatArray
 
 
+@dataclass(frozen=True, slots=True)
+class LateForce:
+    """Forces that are as though read late, and a friction that it moves.
+
+    Attributes
+    ----------
+    channels : tuple of str
+        Of the force model, all with the same time.
+    late_s, std_s : float
+        Negative: read before the positions.
+    friction : str
+        Name of the parameter.
+    value : float
+        That it has with the time fitted beside it.
+    """
+
+    channels: tuple[str, ...]
+    late_s: float
+    std_s: float
+    friction: str
+    value: float
+
+
 #: Piston forces (joint forces where there is no cylinder) of the listed effects at unit linear
 #: parameters, (N, n, e) by joint.
 ForceColumns = Callable[[Trace, Motion], FloatArray]

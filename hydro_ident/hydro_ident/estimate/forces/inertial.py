@@ -16,9 +16,11 @@ from hydro_ident.estimate.forces.closed_chain import (
     HeldPart,
     IndexArray,
     fit_with_parts,
+    held_fit,
 )
 from hydro_ident.estimate.forces.force_rows import (
     ForceModel,
+    LateForce,
     Motion,
     force_columns,
     force_model,
@@ -80,6 +82,8 @@ class InertialFit:
         parameters at a bound.
     rejected : str
         Why none of the values is to be used; empty where they are good.
+    early : tuple of LateForce
+        Forces read early, whose frictions are held at 0 for that reason.
     """
 
     model: ForceModel
@@ -89,6 +93,7 @@ class InertialFit:
     settings: FilterSettings
     held: tuple[HeldPart, ...] = ()
     rejected: str = ""
+    early: tuple[LateForce, ...] = ()
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -144,6 +149,7 @@ def inertial_fit(
     still: tuple[int, ...],
     settings: FilterSettings,
     solve: Callable[[Blocks], Solution] = solve_wls,
+    beside: Sequence[HeldPart] = (),
 ) -> InertialFit | None:
     """Fit to what was gathered of every recording.
 
@@ -156,6 +162,8 @@ def inertial_fit(
     settings : FilterSettings
     solve : callable
         The estimator.
+    beside : sequence of HeldPart
+        What is to be held, whatever the data show of it.
 
     Returns
     -------
@@ -175,6 +183,9 @@ def inertial_fit(
     bounds = parameter_bounds(model)
     determined = partial(identifiable_parameters, model)
     fit, held = keep_listed(model, fit, held, fit_free, determined)
+    if beside:
+        held = (*held, *beside)
+        fit = held_fit(fit, {part.index: part.value for part in held}, fit_free)
     fit, held = fit_within_bounds(fit, held, bounds, fit_free, determined)
     known = identifiable_parameters(model, fit, held)
     rejected = _outside(model, fit, known, bounds)

@@ -7,6 +7,8 @@ friction comes out off by that however long the recording is, and its interval k
 it.
 
 Nothing is corrected. Physics that a model lacks may look like late forces, and would move into s.
+A friction that early forces bring clearly below 0 is held at 0: no machine has it, and the others'
+parameters are as good as those beside a friction that late ones bring up by as much.
 The rows are fitted once more with a column per s beside the parameters; where that says that
 forces are late, and moves friction out of its interval, it is told.
 """
@@ -14,13 +16,19 @@ forces are late, and moves friction out of its interval, it is told.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from hydro_ident.estimate.forces.bounds import DEVIATIONS
-from hydro_ident.estimate.forces.force_rows import ForceModel, measured_force, pressed_joints
-from hydro_ident.estimate.forces.inertial import InertialFit
+from hydro_ident.estimate.forces.closed_chain import HeldPart
+from hydro_ident.estimate.forces.force_rows import (
+    ForceModel,
+    LateForce,
+    measured_force,
+    pressed_joints,
+)
+from hydro_ident.estimate.forces.inertial import InertialFit, parameter_bounds
 from hydro_ident.estimate.signals.derivatives import (
     FilterSettings,
     kept_samples,
@@ -36,29 +44,6 @@ from hydro_ident.estimate.statistics.rows import Rows
 #: Least and largest time that is told, s: sampled signals are known to no less, and beyond the
 #: other it is no small shift of the motion.
 _LEAST_S, _MOST_S = 5.0e-5, 1.0e-2
-
-
-@dataclass(frozen=True, slots=True)
-class LateForce:
-    """Forces that are as though read late, and a friction that it moves.
-
-    Attributes
-    ----------
-    channels : tuple of str
-        Of the force model, all with the same time.
-    late_s, std_s : float
-        Negative: read before the positions.
-    friction : str
-        Name of the parameter.
-    value : float
-        That it has with the time fitted beside it.
-    """
-
-    channels: tuple[str, ...]
-    late_s: float
-    std_s: float
-    friction: str
-    value: float
 
 
 def late_rows(model: ForceModel, trace: Trace, rows: Rows, settings: FilterSettings) -> Rows:
@@ -125,6 +110,45 @@ def late_forces(
             if fit.identifiable[i] and abs(moved[i]) > half_widths[i]
         ]
     return tuple(found)
+
+
+def early_forces(fit: InertialFit, gathered: Sequence[Moments]) -> tuple[LateForce, ...]:
+    """Forces read early by so much that a friction is clearly below 0, where it else is not.
+
+    Parameters
+    ----------
+    fit : InertialFit
+    gathered : sequence of Moments
+        Of `late_rows`, by recording.
+    """
+    bounds, names, own = parameter_bounds(fit.model), fit.model.names, fit.fit
+    found = []
+    for one in late_forces(fit, gathered, [0.0] * len(names)) if gathered else ():
+        at = names.index(one.friction)
+        below = own.theta[at] < 0.0 and bounds[at].clear(float(own.theta[at]), float(own.std[at]))
+        if below and not bounds[at].clear(one.value, float(own.std[at])):
+            found.append(one)
+    return tuple(found)
+
+
+def held_at_zero(fit: InertialFit, early: Sequence[LateForce]) -> list[HeldPart]:
+    """The frictions of `early_forces`, to be held.
+
+    Parameters
+    ----------
+    fit : InertialFit
+        In which they are below 0.
+    early : sequence of LateForce
+    """
+    parts = []
+    for one in early:
+        at = fit.model.names.index(one.friction)
+        reason = (
+            f"held at 0: the fit gives {fit.fit.theta[at]:.3g} +- {fit.fit.std[at]:.2g}, which"
+            f" forces read {abs(one.late_s) * 1e3:.3g} ms before the positions explain"
+        )
+        parts.append(HeldPart(at, 0.0, reason))
+    return parts
 
 
 def _groups(model: ForceModel) -> list[list[int]]:
