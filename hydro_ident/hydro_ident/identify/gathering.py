@@ -14,8 +14,8 @@ from hydro_ident.estimate.flows.flow_moments import FlowGatherer
 from hydro_ident.estimate.flows.summed_flow import SummedFlow
 from hydro_ident.estimate.forces.end_stops import at_end_stops
 from hydro_ident.estimate.forces.inertial import ForceModel, force_rows
-from hydro_ident.estimate.forces.standstill import Rest, giving_way
 from hydro_ident.estimate.forces.late_forces import late_rows
+from hydro_ident.estimate.forces.standstill import Rest, giving_way
 from hydro_ident.estimate.scoring.scores import HoldOut, Tally
 from hydro_ident.estimate.signals.added_noise import with_position_noise
 from hydro_ident.estimate.signals.derivatives import FilterSettings
