@@ -241,9 +241,9 @@ class Gate:
         if self.state is GateState.TRIPPED:
             return Outcome.DENIED
         if counter is None or self._newest is None or counter > self._newest:
-            defect = "command with a stamp that is of no complete cycle"
+            return self._deny("command with a stamp that is of no complete cycle", sender)
         if defect or sender:  # whichever cycle it answers: who sends it is not sound
-            return self._deny("; ".join(filter(None, (defect, sender))))
+            return self._deny(defect, sender)
         if counter < self._first:
             return Outcome.OUTDATED
         if self.state is GateState.DRIVING and counter <= self._accepted:
@@ -254,8 +254,8 @@ class Gate:
             return Outcome.OUTDATED  # nothing is driven yet: go on waiting for a fresh one
         return self._begin(counter, values)
 
-    def _deny(self, reason: str) -> Outcome:
-        self.trip(reason)
+    def _deny(self, *reasons: str) -> Outcome:
+        self.trip("; ".join(filter(None, reasons)))
         return Outcome.DENIED
 
     def _again(self, counter: int, values: tuple[float, ...]) -> Outcome:
