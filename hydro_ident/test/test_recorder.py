@@ -239,12 +239,43 @@ def test_what_runs_is_asked_for_its_parameters(tmp_path, node, running, recorder
 
 @pytest.mark.ros
 def test_a_mapping_that_is_gone_is_said_and_it_is_recorded(tmp_path, running, recorder) -> None:
-    running("can_bridge", {"mapping": str(tmp_path / "gone.yaml")})
+    running("can_bridge", {"mapping": str(tmp_path / "gone.yaml"), "robot": "xs031"})
     process = recorder()
     _wait_for(lambda: "gone.yaml: cannot be attached" in _said(tmp_path), tmp_path)
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=PATIENCE_S) == 0, _said(tmp_path)
     assert {"mapping", "controller_parameters"}.isdisjoint(_metadata_of(tmp_path))
+
+
+@pytest.mark.ros
+def test_a_node_that_is_being_configured_is_asked_again(tmp_path, node, recorder) -> None:
+    """And said where it never answers; of a bridge that names no mapping it is the shipped one."""
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import Node
+
+    bridge = Node("can_bridge", context=node.context)
+    bridge.declare_parameters("", [("mapping", ""), ("robot", "xs031")])
+    deaf = Node("controller", context=node.context)
+    process = recorder()
+    # Longer than it may take to answer.
+    time.sleep(3.0)
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(bridge)
+    try:
+        _wait_for(
+            lambda: executor.spin_once(0.05) or b"bridge_param" in _file_of(tmp_path).read_bytes(),
+            tmp_path,
+        )
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=PATIENCE_S) == 0, _said(tmp_path)
+    finally:
+        executor.shutdown()
+        bridge.destroy_node()
+        deaf.destroy_node()
+    assert "schema:" in _metadata_of(tmp_path)["mapping"]
+    assert "/controller did not answer: the bag is without controller_parameters" in _said(
+        tmp_path
+    )
 
 
 def _file_of(folder: Path) -> Path:

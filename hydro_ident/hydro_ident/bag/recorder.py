@@ -131,6 +131,9 @@ def _record(
         recorder = Recorder(writer, topics, stream)
         _tell(f"recording {len(topics)} topics to {writer.directory}", stream)
         recorder.spin(stop, nodes)
+        nodes.close()
+        if learnt := nodes.learnt():
+            writer.add_metadata(learnt)
         writer.close()
     except OSError as error:
         writer.abandon()

@@ -14,18 +14,23 @@ import yaml
 from hydro_ident.bag.provenance import text_of
 from hydro_ident.errors import BagError
 from hydro_model.command_line.command import warn
+from hydro_model.errors import HydroError
+from hydro_model.robot_files import load_robot
 
-#: Nodes that are asked, and the keys of the metadata that their parameters stand under.
-ASKED = {"controller": "controller_parameters", "can_bridge": "bridge_parameters"}
-#: Nodes are looked for so long, so often, and have so long to answer.
-_LOOKED_FOR_S, _LOOK_S, _ANSWERED_S = 10.0, 0.1, 2.0
+#: Nodes that are asked, each with the keys of the metadata that it can tell.
+ASKED = {
+    "controller": ("controller_parameters",),
+    "can_bridge": ("bridge_parameters", "mapping"),
+}
+#: Nodes are looked for so often, have so long to answer, and that is looked at so often.
+_LOOK_S, _ANSWERED_S, _TURN_S = 0.2, 2.0, 0.1
 
 
 class RunningNodes:
     """Asks controller and bridge for their parameters while it is recorded.
 
-    Discovery takes up to seconds, which no recording waits for: a thread asks, and what it has
-    learnt is fetched by whoever writes.
+    Discovery takes up to seconds, and a node that is being configured answers later still, which
+    no recording waits for: a thread asks, and what it has learnt is fetched by whoever writes.
 
     Parameters
     ----------
@@ -34,7 +39,9 @@ class RunningNodes:
     """
 
     def __init__(self, attached: Collection[str]) -> None:
-        self._attached = frozenset(attached)
+        missing = {node: set(keys) - set(attached) for node, keys in ASKED.items()}
+        self._wanted = {node: keys for node, keys in missing.items() if keys}
+        self._silent: set[str] = set()
         self._answers: SimpleQueue[dict[str, str]] = SimpleQueue()
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._ask, daemon=True)
@@ -46,7 +53,7 @@ class RunningNodes:
         Returns
         -------
         dict of str to str
-            ROS parameter files as text, and the mapping's text where the bridge names a file.
+            ROS parameter files as text, and the text of the bridge's mapping.
         """
         answers: dict[str, str] = {}
         while not self._answers.empty():
@@ -54,62 +61,81 @@ class RunningNodes:
         return answers
 
     def close(self) -> None:
-        """Ask no more; before ROS ends."""
+        """Ask no more, and say who was there and did not answer, once; before ROS ends."""
         self._end.set()
         self._thread.join()
+        silent, self._silent = sorted(self._silent), set()
+        for name in silent:
+            keys = " and ".join(sorted(self._wanted[name]))
+            warn("recorder", [f"/{name} did not answer: the bag is without {keys}"])
 
     def _ask(self) -> None:
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.node import Node
 
-        wanted = [name for name, key in ASKED.items() if key not in self._attached]
-        node, executor = Node("recorder_asks", start_parameter_services=False), None
+        wanted = list(self._wanted)
+        node = Node("recorder_asks", start_parameter_services=False)
+        executor = SingleThreadedExecutor()
         try:
-            executor = SingleThreadedExecutor()
             executor.add_node(node)
-            until = time.monotonic() + _LOOKED_FOR_S
-            while wanted and time.monotonic() < until and not self._end.wait(_LOOK_S):
+            while wanted and not self._end.wait(_LOOK_S):
                 there = node.get_node_names()
                 for name in [name for name in wanted if name in there]:
-                    wanted.remove(name)
-                    self._answers.put(self._told(name, _parameters(executor, node, name)))
+                    self._silent.add(name)
+                    values = self._parameters(executor, node, name)
+                    if values:
+                        self._silent.remove(name)
+                        wanted.remove(name)
+                        self._answers.put(self._told(name, values))
         finally:
-            if executor is not None:
-                executor.shutdown()
+            executor.shutdown()
             node.destroy_node()
 
-    def _told(self, name: str, values: Mapping[str, Any]) -> dict[str, str]:
-        if not values:
+    def _parameters(self, executor: Any, node: Any, name: str) -> dict[str, Any]:
+        """Of a node that is there; empty where it does not answer."""
+        from rclpy.parameter import parameter_value_to_python
+        from rclpy.parameter_client import AsyncParameterClient
+
+        client = AsyncParameterClient(node, name)
+        until = time.monotonic() + _ANSWERED_S
+
+        def answer(future: Any) -> Any:
+            while not (future.done() or self._end.is_set() or time.monotonic() > until):
+                executor.spin_until_future_complete(future, timeout_sec=_TURN_S)
+            return future.result() if future.done() else None
+
+        while not client.services_are_ready():
+            if self._end.wait(_TURN_S) or time.monotonic() > until:
+                return {}
+        listed = answer(client.list_parameters())
+        names = sorted(listed.result.names) if listed is not None else []
+        got = answer(client.get_parameters(names)) if names else None
+        if got is None:
             return {}
-        told = {ASKED[name]: _file(name, values)}
-        mapping = str(values.get("mapping", "")) if name == "can_bridge" else ""
-        if mapping and "mapping" not in self._attached:
+        return dict(zip(names, map(parameter_value_to_python, got.values), strict=True))
+
+    def _told(self, name: str, values: Mapping[str, Any]) -> dict[str, str]:
+        parameters, *others = ASKED[name]
+        told = {parameters: _file(name, values)}
+        if "mapping" in others and "mapping" in self._wanted[name]:
             try:
-                told["mapping"] = text_of(Path(mapping))
-            except BagError as error:
+                told["mapping"] = text_of(_mapping(values))
+            except HydroError as error:
                 # No reason not to record.
                 warn("recorder", [str(error)])
-        return told
+        return {key: text for key, text in told.items() if key in self._wanted[name]}
 
 
-def _parameters(executor: Any, node: Any, name: str) -> dict[str, Any]:
-    """Of a node that is there; empty where it does not answer."""
-    from rclpy.parameter import parameter_value_to_python
-    from rclpy.parameter_client import AsyncParameterClient
+def _mapping(values: Mapping[str, Any]) -> Path:
+    """The file that a bridge of these parameters reads; shipped where it names none."""
+    from hydro_hw_bridge.protocol.shipped_mapping import default_mapping
 
-    def answer(future: Any) -> Any:
-        executor.spin_until_future_complete(future, timeout_sec=_ANSWERED_S)
-        return future.result() if future.done() else None
-
-    client = AsyncParameterClient(node, name)
-    if not client.wait_for_services(timeout_sec=_ANSWERED_S):
-        return {}
-    listed = answer(client.list_parameters())
-    names = sorted(listed.result.names) if listed is not None else []
-    got = answer(client.get_parameters(names)) if names else None
-    if got is None:
-        return {}
-    return dict(zip(names, map(parameter_value_to_python, got.values), strict=True))
+    named = Path(str(values.get("mapping", "")))
+    if not named.name:
+        return default_mapping(load_robot(str(values["robot"])).name)
+    if not named.is_absolute():
+        raise BagError(f"{named}: cannot be attached: the bridge's folder is not known")
+    return named
 
 
 def _file(name: str, values: Mapping[str, Any]) -> str:
