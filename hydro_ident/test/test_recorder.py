@@ -273,9 +273,8 @@ def test_a_node_that_is_being_configured_is_asked_again(tmp_path, node, recorder
         bridge.destroy_node()
         deaf.destroy_node()
     assert "schema:" in _metadata_of(tmp_path)["mapping"]
-    assert "/controller did not answer: the bag is without controller_parameters" in _said(
-        tmp_path
-    )
+    silent = "/controller did not answer: the bag is without controller_parameters"
+    assert _said(tmp_path).count(silent) == 1
 
 
 def _file_of(folder: Path) -> Path:
