@@ -102,7 +102,18 @@ def least_travel(robot: Robot) -> FloatArray:
 
 
 def held_still(q: FloatArray, still: Mapping[int, Rest]) -> FloatArray:
-    """Positions with joints that show nothing but noise held where they are."""
+    """Positions with joints that show nothing but noise held where they are.
+
+    Parameters
+    ----------
+    q : (N, n) array
+    still : mapping of int to Rest
+        By joint.
+
+    Returns
+    -------
+    (N, n) array
+    """
     q = q.copy()
     for joint, rest in still.items():
         if rest.held:
@@ -111,5 +122,15 @@ def held_still(q: FloatArray, still: Mapping[int, Rest]) -> FloatArray:
 
 
 def giving_way(still: Mapping[int, Rest]) -> list[int]:
-    """Joints that stand still, but show more than their encoders' noise."""
+    """Joints that stand still, but show more than their encoders' noise.
+
+    Parameters
+    ----------
+    still : mapping of int to Rest
+        By joint.
+
+    Returns
+    -------
+    list of int
+    """
     return [joint for joint, rest in still.items() if not rest.held]
