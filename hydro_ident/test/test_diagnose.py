@@ -26,7 +26,7 @@ from hydro_ident.commands.diagnose import (
 from hydro_ident.identify.results import Provenance
 from hydro_ident.mismatch.answer import minor
 from hydro_ident.mismatch.answer.diagnosis import diagnose
-from hydro_ident.mismatch.answer.diagnosis_file import channels_told, finding_dict
+from hydro_ident.mismatch.answer.diagnosis_file import finding_dict
 from hydro_ident.mismatch.answer.outcome import Diagnosis
 from hydro_ident.mismatch.naming.baselines import always_coulomb, greedy_bic
 from hydro_ident.mismatch.settings import DiagnosisSettings
@@ -187,12 +187,6 @@ def test_sizes_are_those_of_the_truth(found: Diagnosis) -> None:
     first = {f.named.names[0]: f.named.first.term.parameters for f in found.findings}
     assert first["coulomb_friction"][0] == pytest.approx(2500.0, rel=0.05)
     assert first["valve_null_bias"][0] == pytest.approx(0.006, rel=0.05)
-
-
-def test_what_may_be_a_lag_between_signals_is_told_of_timing_too() -> None:
-    flows = ("tilt/flow_a", "tilt/flow_b")
-    assert channels_told(flows, ("valve_null_bias",)) == flows
-    assert channels_told(flows, ("valve_spool_lag", "command_delay")) == (*flows, "timing")
 
 
 def test_a_number_that_its_error_hides_is_told_as_one(

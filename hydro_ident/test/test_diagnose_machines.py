@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 from hydro_ident.mismatch.answer.diagnosis import diagnose
-from hydro_ident.mismatch.answer.diagnosis_file import finding_dict
+from hydro_ident.mismatch.answer.diagnosis_file import channels_told, finding_dict
 from hydro_ident.mismatch.answer.outcome import Diagnosis
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot
@@ -279,3 +279,9 @@ def test_one_valve_that_is_late_is_a_delay_of_that_valve(diagnosed: Diagnosed) -
     (listed,) = found.robot.effects
     assert (listed.name, listed.target) == ("command_delay", "tilt_cylinder")
     assert not [note for note in found.notes if "delays differ" in note]
+
+
+def test_what_may_be_a_lag_between_signals_is_told_of_timing_too() -> None:
+    flows = ("tilt/flow_a", "tilt/flow_b")
+    assert channels_told(flows, ("valve_null_bias",)) == flows
+    assert channels_told(flows, ("valve_spool_lag", "command_delay")) == (*flows, "timing")

@@ -19,13 +19,9 @@ import numpy as np
 import pytest
 import yaml
 
-from hydro_ident.bag.provenance import project_metadata
 from hydro_ident.bag.reader import read_bag
-from hydro_ident.bag.recorder import main
-from hydro_ident.bag.recorder_topics import wanted_topics
 from hydro_ident.errors import BagError
 from hydro_ident.study.faults.waiting import longest_wait_ms, threads_waited_ns
-from hydro_model.robot_files import load_robot
 
 DOMAIN = 10 + (os.getpid() + 40) % 90
 START_NS = 10**18
@@ -403,44 +399,3 @@ def test_what_arrives_last_is_written_though_nothing_follows(tmp_path, node, rec
     process.kill()
     process.wait()
     assert (read_bag(_only_bag(tmp_path)).series["/joint_states"].stamp_ns > 0).sum() == 5
-
-
-def test_bad_usage_is_one_line_and_leaves_nothing(tmp_path, capsys) -> None:
-    (tmp_path / "file").touch()
-    out = ["--out", str(tmp_path)]
-    for arguments, text in (
-        ([*out, "--topics", "/tf"], "unknown topic /tf"),
-        ([*out, "--topics", "/tf:nothing_msgs/msg/Tf"], "no message type 'nothing_msgs/msg/Tf'"),
-        ([*out, "--topics", "/a b:sensor_msgs/msg/JointState"], "is no topic name"),
-        ([*out, "--name", "a/b"], "expected a bag name"),
-        ([*out, "--robot", "nothing"], "no robot file 'nothing'"),
-        ([*out, "--attach", "mapping"], "expected --attach KEY=FILE"),
-        ([*out, "--attach", f"m={tmp_path / 'nowhere'}"], "cannot be attached"),
-        (["--out", str(tmp_path / "file")], "cannot be written"),
-    ):
-        assert main(arguments) == 2, text
-        error = capsys.readouterr().err
-        assert error.count("\n") == 1, error
-        assert text in error
-    assert [p.name for p in tmp_path.iterdir()] == ["file"]
-
-
-def test_topics_and_types() -> None:
-    robot = load_robot("xs031")
-    every = wanted_topics(None, robot)
-    assert every["/pressure/tilt_cylinder/b"] == "sensor_msgs/msg/FluidPressure"
-    assert every["/tip_reference"] == "geometry_msgs/msg/PointStamped"
-    assert wanted_topics(["joint_states", "/log:rcl_interfaces/msg/Log"], robot) == {
-        "/joint_states": "sensor_msgs/msg/JointState",
-        "/log": "rcl_interfaces/msg/Log",
-    }
-    with pytest.raises(BagError, match="expected one of"):
-        wanted_topics(["/nothing"], robot)
-
-
-def test_metadata_names_robot_software_and_note() -> None:
-    metadata = project_metadata(load_robot("xs031"), "warm", [])
-    assert metadata["robot"] == "xs031"
-    assert metadata["software"].startswith("hydro_ident ")
-    assert metadata["note"] == "warm"
-    assert "cylinders:" in metadata["robot_file"]
