@@ -12,7 +12,7 @@ SECOND_NS = 1_000_000_000
 
 def judged(watch: BadSampleWatch, stamps_ns: range, found: str = "") -> list[str]:
     """What a watch says of samples."""
-    return [watch.judge(stamp_ns, found) for stamp_ns in stamps_ns]
+    return [watch.judge(stamp_ns, found, anew=False) for stamp_ns in stamps_ns]
 
 
 def samples(first: int, count: int) -> range:
@@ -34,6 +34,17 @@ def test_good_samples_in_a_row_are_counted_from_the_last_bad_one() -> None:
     assert judged(watch, samples(151, 1)) == [shut.replace("this", "that")]
     assert (watch.shut, watch.fault) == ("", "")
     assert judged(watch, samples(152, 100)) == [""] * 100
+
+
+def test_they_are_counted_anew_where_the_filters_start_anew() -> None:
+    watch = BadSampleWatch()
+    judged(watch, samples(0, 1), "this")
+    judged(watch, samples(1, 23))
+    shut = "this; 0 V until 25 samples in a row are good"
+    assert watch.judge(55 * STEP_NS, "", anew=True) == shut
+    assert judged(watch, samples(56, 23)) == [shut] * 23
+    assert watch.shut
+    assert judged(watch, samples(79, 2)) == [shut, ""]
 
 
 @pytest.mark.parametrize("first_is_bad", [True, False])

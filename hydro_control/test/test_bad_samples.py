@@ -87,6 +87,24 @@ def test_behind_bad_samples_the_valves_are_shut_until_the_filters_know_the_veloc
     assert f"stay at 0 V until {SETTLED} good ones in a row came" in PAGE.read_text("utf-8")
 
 
+@pytest.mark.parametrize("apart", [11, 31])
+def test_good_ones_before_a_gap_do_not_open_them(apart: int) -> None:
+    """The filters start anew there: it was driven by velocities of two samples."""
+    loop, turns = Loop(), np.array([0.05, -0.04])
+    loop.run(30)
+    loop.run(1, **BAD["a joint"])  # type: ignore[arg-type]
+    loop.run(SETTLED - 2)
+    loop.cycle += apart - 1
+    for _ in range(SETTLED):
+        loop.q = loop.q + turns * 0.002
+        assert not np.any(loop.run().output.voltage_v)
+    loop.q = loop.q + turns * 0.002
+    output = loop.run().output
+    arms = [float(lever(c, x)) for c, x in zip(ROBOT.cylinders, loop.q, strict=True)]
+    np.testing.assert_allclose(output.piston_velocity_m_s, arms * turns, rtol=1e-3)
+    assert np.any(output.voltage_v)
+
+
 def drops_of(loop: Loop, every: int, cycles: int) -> int:
     """How often driven valves went to 0 V, a chamber's reading bad every so many samples."""
     volts = [np.any(loop.run().output.voltage_v)]

@@ -167,9 +167,10 @@ class ControllerCore:
             now_s, sample.q, *gauge, reference, self._ahead(), shut=bool(bad.shut)
         )
         # Before the first good sample nothing was driven, and nothing begins anew.
-        if run is not None and (why := bad.judge(sample.stamp_ns, output.fault)):
-            return replace(output, fault=why)
-        return output
+        if run is None:
+            return output
+        why = bad.judge(sample.stamp_ns, output.fault, anew=self.law.anew)
+        return replace(output, fault=why) if why else output
 
     def _reference(self, sample: Sample) -> Reference:
         """The reference at a sample; one that is not finite starts nothing and is none seen."""

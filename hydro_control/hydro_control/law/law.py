@@ -85,6 +85,8 @@ class ControlLaw:
         How far ahead of a sample `step` wants to know the reference; 0 where not at all.
     adaptation : Adaptation or None
         What is estimated beside the model; its estimates outlive `reset`.
+    anew : bool
+        Filters know no velocity: they have taken in the newest sample alone, or none yet.
 
     Raises
     ------
@@ -129,6 +131,7 @@ class ControlLaw:
         self._no_bias = np.zeros(robot.dof)
         self._asked = np.zeros((2, robot.dof))
         self._last_s: float | None = None
+        self.anew = True
         self._voltage_v = np.zeros(len(robot.valves))
 
     def reset(self) -> None:
@@ -143,7 +146,7 @@ class ControlLaw:
         self._asked[:] = 0.0
         if self.adaptation is not None:
             self.adaptation.forget()
-        self._last_s = None
+        self._last_s, self.anew = None, True
 
     def wind_down(self) -> FloatArray:
         """The next voltage on the way to 0 V within the slew limit, (m,)."""
@@ -311,6 +314,7 @@ class ControlLaw:
             raise ControlError(f"expected a stamp after {last} s, found {stamp_s} s")
         steps = max(1, round((stamp_s - last) / self.dt_s))
         if steps <= GAP_STEPS:
+            self.anew = False
             return steps, ()
         self._forget()
         self._last_s = stamp_s

@@ -40,7 +40,7 @@ class BadSampleWatch:
         self._good = SETTLED
         self._times: deque[int] = deque(maxlen=RECURS)
 
-    def judge(self, stamp_ns: int, found: str) -> str:
+    def judge(self, stamp_ns: int, found: str, *, anew: bool) -> str:
         """Look at a sample.
 
         Parameters
@@ -48,6 +48,8 @@ class BadSampleWatch:
         stamp_ns : int
         found : str
             Why no voltage follows from it; empty where one does.
+        anew : bool
+            The law's filters start with it: they do not know those before it.
 
         Returns
         -------
@@ -58,7 +60,8 @@ class BadSampleWatch:
             self._bad(stamp_ns, found)
             return self.fault or self.shut
         said = self.shut
-        self._good += 1
+        # Over a gap the row does not go on: shut is for the filters to know the velocity.
+        self._good = 1 if anew else self._good + 1
         if self._good == SETTLED:
             self.shut = ""
         return said

@@ -94,15 +94,23 @@ def _sample_join() -> Iterator[Harmless]:
     )  # fmt: skip
 
 
+_NAMED = "every caller names the word, and one that does not is as right"
+
+
+def _bad_samples() -> Iterator[Harmless]:
+    judge = "def judge(self, stamp_ns: int, found: str, *, anew: bool) -> str:"
+    after = judge.replace("*", "/")
+    yield Harmless("bad_samples", "BadSampleWatch.judge", judge, after, _NAMED)
+
+
 def _applied() -> Iterator[Harmless]:
-    named = "every caller names the word, and one that does not is as right"
     for where, arguments in (
         ("commanded", "stamp_ns: int, voltage_v: FloatArray"),
         ("_judge", "commanded: FloatArray, applied: FloatArray"),
     ):
         before = f"def {where}(self, {arguments}, *, moving: bool) -> None:"
         after = before.replace("*", "/")
-        yield Harmless("applied", f"AppliedWatch.{where}", before, after, named)
+        yield Harmless("applied", f"AppliedWatch.{where}", before, after, _NAMED)
 
 
 def _stamps() -> Iterator[Harmless]:
@@ -118,6 +126,7 @@ OF_CONTROL: tuple[Harmless, ...] = (
     *_following_error(),
     *_doubtful(),
     *_sample_join(),
+    *_bad_samples(),
     *_applied(),
     *_stamps(),
 )
