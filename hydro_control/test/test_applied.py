@@ -284,6 +284,23 @@ def test_a_path_under_way_does_not_start_anew() -> None:
     assert not np.any(loop.run(300).reference.velocity)
 
 
+def test_withheld_is_said_where_it_is_noticed_while_the_valves_are_shut() -> None:
+    """Told late, behind a sample that could not be answered: the pose was followed unsaid."""
+    loop = Loop(PATH)
+    loop.run(100)
+    late = [loop.run(1, share=None) for _ in range(MOST_WITHHELD + 1)]
+    loop.run(1, np.full(2, np.nan), share=None)
+    loop.run(1, share=None)
+    for answer in late:
+        loop.core.applied(answer.stamp_ns, ZERO)
+    loop.run(100, share=None)
+    assert loop.core.message == "the valves do not get the commands: staying with the robot's pose"
+    with pytest.raises(ControlError, match="do not get the commands"):
+        loop.core.requests.trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], ZERO, ZERO)])
+    loop.run(2)
+    assert loop.core.message.startswith("holding: the motion was dropped")
+
+
 def test_a_hold_stays_a_hold() -> None:
     loop = Loop()
     loop.run(20)

@@ -188,7 +188,9 @@ class ControllerCore:
             since_s = run.see(sample.q)
             self._guard(run)
         if self._watch.withheld:
-            if run.follow(_WITHHELD, moved=self._watch.moved):
+            # A bad sample that came just before is over soon; this may last.
+            if run.follow(_WITHHELD, moved=self._watch.moved) or run.following != _WITHHELD:
+                run.following = _WITHHELD
                 self.requests.message = f"{_WITHHELD}: staying with the robot's pose"
         elif self._bad.shut:
             why = f"a sample could not be answered: {self._bad.found}"
