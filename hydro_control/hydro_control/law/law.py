@@ -203,10 +203,7 @@ class ControlLaw:
         steps, notes = self._advance(stamp_s)
         oil = _Oil(np.array([p_a, p_b]), float(p_s), float(p_t))
         sample = self._required(stamp_s, steps, q, oil, reference, ahead)
-        asked, (now, then) = Required(*sample.rows), sample.states
-        if self.adaptation is not None:
-            motion = then[Q], then[QD], asked.qd_r, asked.qdd_r, asked.arm
-            asked.force_d[:] += self.adaptation.required_force(*motion)
+        asked, now = Required(*sample.rows), sample.states[0]
         flow_term, signal, voltage_v, limits = self._answered(sample, oil, steps)
         if fault := not_finite_answer(flow_term, signal, voltage_v):
             return self.stopped(q, reference, fault)
@@ -264,7 +261,10 @@ class ControlLaw:
         reference: Reference,
         ahead: Reference | None,
     ) -> _Sample:
-        """States, required motion and forces with the listed effects (eqs. 9 and 19 to 22)."""
+        """States, required motion and forces (eqs. 9 and 19 to 22).
+
+        The forces are with the listed effects, and what is adapted beside the model.
+        """
         wanted = aim = _rows(self._references[0], reference)
         if ahead is not None:
             aim = _rows(self._references[1], ahead)
@@ -283,6 +283,10 @@ class ControlLaw:
             *(reference.space == "tip", wanted, ahead is not None, self.lead_s, aim),
             *(self._asked, states, filtered, rows, tip_d),
         )
+        if self.adaptation is not None:
+            asked, then = Required(*rows), states[1]
+            motion = then[Q], then[QD], asked.qd_r, asked.qdd_r, asked.arm
+            asked.force_d[:] += self.adaptation.required_force(*motion)
         return _Sample(states, filtered, rows, tip_d, limits)
 
     def _answered(
