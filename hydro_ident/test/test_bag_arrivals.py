@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -27,12 +27,12 @@ PIECE_S, OVERLAP_S = 0.5, 0.1
 
 @pytest.fixture
 def written(tmp_path: Path) -> Callable[..., Path]:
-    """Writes messages, each a topic and a cycle, in the order given."""
+    """Writes messages, each a topic and a cycle, in the order given; stamps of some are moved."""
 
     def write(
         columns: dict,
         order: Sequence[tuple[str, int]],
-        moved_ns: dict[str, int] | None = None,
+        moved_ns: Mapping[str | tuple[str, int], int] | None = None,
         *,
         log_by_stamp: bool = False,
     ) -> Path:
@@ -42,7 +42,8 @@ def written(tmp_path: Path) -> Callable[..., Path]:
                 writer.add_topic(topic, JOINT_STATE if names else POINT_STAMPED)
             for came, (topic, k) in enumerate(order):
                 names, fields = columns[topic]
-                stamp = START_NS + PERIOD_NS * k + (moved_ns or {}).get(topic, 0)
+                moved = moved_ns or {}
+                stamp = START_NS + PERIOD_NS * k + moved.get((topic, k), moved.get(topic, 0))
                 values = {name: v[k] for name, v in fields.items()}
                 log_ns = stamp if log_by_stamp else START_NS + PERIOD_NS * came
                 writer.write_stamped(topic, stamp, values, names=names, log_ns=log_ns)
@@ -141,6 +142,21 @@ def test_a_bag_does_not_wait_for_a_stray_message(
     path = written(columns, order)
     read = [len(blocks) for _ in stream_recordings(path, robot, PIECE_S, OVERLAP_S)]
     assert read[0] < 0.4 * len(blocks)
+
+
+@pytest.mark.parametrize("leaps", [[N // 2], [0, N // 3, N // 2], range(N // 2, N // 2 + 10)])
+def test_joint_stamps_that_leap_ahead_are_not_waited_for(
+    written, run_columns, robot: Robot, small_blocks, blocks: list[str], leaps: Sequence[int]
+) -> None:
+    """As of bits that changed on the disk: what goes on from before them is not late."""
+    small_blocks(100)
+    topics = (JOINT_STATES, CHAMBER_PRESSURES, VALVE_COMMAND)
+    columns = {topic: run_columns(N)[topic] for topic in topics}
+    path = written(columns, _side_by_side(topics), {(JOINT_STATES, k): 10**11 for k in leaps})
+    read = [len(blocks) for _ in stream_recordings(path, robot, PIECE_S, OVERLAP_S)]
+    assert len(read) > 4
+    assert read[0] < 0.4 * len(blocks)
+    assert all(after > before for before, after in pairwise(read[:-1]))
 
 
 def test_a_sensor_that_only_some_pieces_have_is_told(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from hydro_ident.bag.aligned import TYPES
+from hydro_ident.bag.clock_restarts import FEW
 from hydro_ident.bag.mcap_types import MessageBlock
 from hydro_ident.bag.reader import files_of
 from hydro_msgs_docs.cdr import IntArray
@@ -29,6 +30,8 @@ _HEADERS = tuple(
 )
 _HEADER_BYTES = _HEADERS[0].itemsize
 _NOTHING_NS = int(np.iinfo(np.int64).max)
+#: Before every stamp, and what is late behind it is an int64 yet.
+_NEVER_NS = -_NOTHING_NS // 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,18 +92,23 @@ def arrivals_of(path: Path) -> Arrivals:
 class _Stamps:
     """Of one topic."""
 
-    newest_ns: int | None = None
+    #: The newest stamp that more than `FEW` messages running reached: fewer that leap ahead, as a
+    #: stamp that changed on the disk, make nothing late that goes on from before them.
+    newest_ns: int = _NEVER_NS
     count: int = 0
     late: int = 0
     #: By number of the block: oldest of all, oldest of those that are not late, and newest.
     blocks: list[tuple[int, int, int, int]] = field(default_factory=list)
+    _before_ns: IntArray = field(
+        default_factory=lambda: np.full(FEW, _NEVER_NS, dtype=np.int64), repr=False
+    )
 
     def add(self, number: int, stamp_ns: IntArray) -> None:
-        if self.newest_ns is None:
-            self.newest_ns = int(stamp_ns[0])
-        so_far = np.maximum(np.maximum.accumulate(stamp_ns), self.newest_ns)
+        row = np.concatenate([self._before_ns, stamp_ns])
+        reached = sliding_window_view(row, FEW + 1).min(axis=1)
+        so_far = np.maximum(np.maximum.accumulate(reached), self.newest_ns)
         in_time = stamp_ns[stamp_ns >= so_far - round(LATE_S * 1e9)]
-        self.newest_ns = int(so_far[-1])
+        self.newest_ns, self._before_ns = int(so_far[-1]), row[-FEW:].copy()
         self.count += len(stamp_ns)
         self.late += len(stamp_ns) - len(in_time)
         oldest = int(in_time.min()) if len(in_time) else _NOTHING_NS

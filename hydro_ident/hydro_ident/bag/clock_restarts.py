@@ -20,7 +20,7 @@ from hydro_msgs_docs.topics import JOINT_STATES
 
 #: Stamps that leap by more begin another run of messages; a restart repeats more than so much time
 #: in more messages than a burst of late ones.
-_LEAP_NS, _FEW = 10**9, 10
+_LEAP_NS, FEW = 10**9, 10
 #: Between the last cycle of a run and the first of the next: nothing is bridged over it.
 _APART_NS = 10**9
 #: More leaps than this are disorder, no restarts.
@@ -117,7 +117,7 @@ class _Part:
         """Whether the same was measured over the same time, and not the same messages twice."""
         mine, theirs = self.stamp_ns, earlier.stamp_ns
         shared = int(min(mine.max(), theirs.max())) - int(max(mine.min(), theirs.min()))
-        if len(mine) <= _FEW or len(theirs) <= _FEW or shared <= _LEAP_NS:
+        if len(mine) <= FEW or len(theirs) <= FEW or shared <= _LEAP_NS:
             return False
         told = self.told() & earlier.told()
         return bool(told.any()) and not self._copies(earlier)
