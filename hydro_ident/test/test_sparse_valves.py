@@ -112,6 +112,42 @@ def test_a_node_that_was_down_for_long_is_not_slow(bag_of, robot: Robot) -> None
     assert [n for n in recording.notes if n.startswith(f"{VALVE_COMMAND} tells voltages in 60%")]
 
 
+def test_a_controller_that_paused_is_not_slow_read_any_way(
+    bag_of, robot: Robot, small_blocks
+) -> None:
+    """Pieces that begin or end within the pause: what was lost outside it is not made up."""
+    small_blocks(100)
+    told = np.setdiff1d(np.arange(N), [*range(570, 1060), 1200])
+    path, _ = bag_of({VALVE_COMMAND: told})
+    said = f"{VALVE_COMMAND} tells voltages in {len(told) / N:.0%} of the cycles: windows of flows"
+    for recording in _every_way(path, robot):
+        assert recording.valve_v is not None
+        np.testing.assert_array_equal(np.flatnonzero(np.isfinite(recording.valve_v[:, 0])), told)
+        assert not any("held" in note for note in recording.notes)
+        assert [note for note in recording.notes if note.startswith(said)]
+
+
+def test_commands_are_taken_beside_one_burst_of_the_valves_state(
+    bag_of, robot: Robot, small_blocks
+) -> None:
+    small_blocks(100)
+    path, volts = bag_of({VALVE_COMMAND: np.arange(N), VALVE_STATE: np.arange(900, 950)})
+    said = f"{VALVE_STATE} tells voltages in 3% of the cycles, {VALVE_COMMAND} in 100%"
+    for recording in _every_way(path, robot):
+        np.testing.assert_array_equal(recording.valve_v, volts)
+        assert recording.valve_source == VALVE_COMMAND
+        assert [note for note in recording.notes if note.startswith(said)]
+        assert not any("held" in note for note in recording.notes)
+
+
+def test_a_controller_hardly_slower_than_the_sensors_is_sparse(bag_of, robot: Robot) -> None:
+    """350 Hz among 500 Hz: most voltages are one cycle behind the one before, not all."""
+    told = np.unique(np.arange(0.0, N, 500.0 / 350.0).astype(int))
+    recording = read_recording(bag_of({VALVE_COMMAND: told})[0], robot)
+    assert np.isfinite(recording.valve_v).all()
+    assert any("70% of the cycles: each is held" in note for note in recording.notes)
+
+
 def test_commands_are_taken_where_the_valves_state_is_told_seldom(
     bag_of, robot: Robot, small_blocks
 ) -> None:

@@ -87,6 +87,8 @@ class Earlier:
     repeats : mapping of str to Repeats
         By topic, of messages that were put in order already.
     rates : ValveRates
+    complete_ns : int or None
+        Stamp up to which every message of the piece to come is there; None for all of it.
     """
 
     rails: frozenset[str] = frozenset()
@@ -95,6 +97,7 @@ class Earlier:
     valves: frozenset[str] = frozenset()
     repeats: Mapping[str, Repeats] = field(default_factory=dict)
     rates: ValveRates = field(default_factory=ValveRates)
+    complete_ns: int | None = None
 
     def after(self, recording: Recording) -> Earlier:
         """With what one more piece told."""
@@ -168,7 +171,7 @@ def _settle_voltages(
 ) -> list[str]:
     """Choose and hold the voltages of valves, with what follows from them; returns notes."""
     recorded = columns.pop("state_v"), columns["command_v"]
-    rates = earlier.rates.after(*recorded, grid)
+    rates = earlier.rates.after(*recorded, grid, earlier.complete_ns)
     state_v = rates.held(VALVE_STATE, recorded[0], grid)
     command_v = rates.held(VALVE_COMMAND, recorded[1], grid)
     use_voltages(columns, state_v, command_v, rates)
@@ -177,8 +180,7 @@ def _settle_voltages(
     told = [k for k, name in enumerate(robot.valve_names) if name in valves]
     latched = latched_cycles(len(grid), *(_some(v, told) for v in (state_v, command_v)))
     columns |= {"latched": latched, "commanded": commanded, "valve_rates": rates}
-    held = rates.notes(*recorded, columns["valve_source"], columns["valve_v"])
-    return [*commanded_notes(commanded), *held]
+    return [*commanded_notes(commanded), *rates.notes(columns["valve_source"])]
 
 
 def _some(values: FloatArray | None, columns: list[int]) -> FloatArray | None:

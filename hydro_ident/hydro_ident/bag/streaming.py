@@ -172,15 +172,18 @@ class _Reader:
         bag = self._bag()
         if JOINT_STATES not in self.kept and not last:
             return
-        recording = self._recording(bag)
+        complete_ns = None
+        if not last and self.arrivals is not None:
+            complete_ns = self.arrivals.oldest_ns(self.joined_blocks) - 1
+        recording = self._recording(bag, complete_ns)
         while True:
             stamps = recording.stamp_ns
             if not self.begun:
                 self.begun = True
                 self.start_ns = self.core_ns = int(stamps[0])
             safe_ns = int(stamps[-1])
-            if not last and self.arrivals is not None:
-                safe_ns = min(safe_ns, self.arrivals.oldest_ns(self.joined_blocks) - 1)
+            if complete_ns is not None:
+                safe_ns = min(safe_ns, complete_ns)
             self._pass_over(stamps, safe_ns)
             end_ns = self.core_ns + self.piece_ns
             # What would be left must be longer than the overlap, or the last core takes it.
@@ -223,9 +226,10 @@ class _Reader:
             self.latched = bool(part.latched[min(edge, len(part) - 1)])
         return piece
 
-    def _recording(self, bag: Bag) -> Recording:
+    def _recording(self, bag: Bag, complete_ns: int | None) -> Recording:
         repeats = {topic: window.repeats for topic, window in self.windows.items()}
-        recording = recording_of(bag, self.robot, replace(self.earlier, repeats=repeats))
+        earlier = replace(self.earlier, repeats=repeats, complete_ns=complete_ns)
+        recording = recording_of(bag, self.robot, earlier)
         self.earlier = self.earlier.after(recording)
         if self.period_s == 0.0:
             self.period_s = recording.period_s

@@ -7,7 +7,7 @@ cycles only. The amplifiers hold it until the next one, and so do the columns, f
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,9 +17,12 @@ from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 from hydro_msgs_docs.topics import VALVE_COMMAND, VALVE_STATE
 
-#: A topic without a voltage in more than a fifth of the cycles, long pauses apart, is sparse, and
-#: no longer one that lost a message: what was sent meanwhile is nothing.
-_DENSE = 0.8
+#: Of a dense topic more voltages than this are one cycle behind the one before; even updates in
+#: four cycles of five have so many. What is seldom further behind lost messages, or paused: what
+#: was sent meanwhile is nothing.
+_DENSE = 0.75
+#: Of the cycles of a sparse topic more without a voltage than this are said.
+_WITHOUT = 0.2
 #: Flows miss no more than windows here and there.
 _WHOLE = 0.95
 #: Where `/valve_state` tells less than this of what happens, a denser `/valve_command` tells more.
@@ -29,22 +32,106 @@ HELD_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
+class Voltages:
+    """In which cycles of a recording a topic tells voltages.
+
+    Attributes
+    ----------
+    cycles : int
+        Of the recording.
+    told, reached : int
+        Cycles with a voltage, and those in which there is one where each is held.
+    next_on : int
+        Those with a voltage whose last cycle has one too.
+    first, last : int
+        Numbers of the first and the last cycle with a voltage; below 0 for none.
+    """
+
+    cycles: int = 0
+    told: int = 0
+    reached: int = 0
+    next_on: int = 0
+    first: int = -1
+    last: int = -1
+
+    def after(self, values: FloatArray | None, grid: IntArray, fresh: slice) -> Voltages:
+        """With some more cycles.
+
+        Parameters
+        ----------
+        values : (N, m) array or None
+            As recorded.
+        grid : (N,) int64 array
+        fresh : slice
+            The cycles of these that come new.
+        """
+        cycles = self.cycles + fresh.stop - fresh.start
+        if values is None:
+            return replace(self, cycles=cycles)
+        known = np.asarray(np.isfinite(values).any(axis=1, keepdims=True), dtype=np.bool_)
+        rows = self.cycles + np.flatnonzero(known[fresh])
+        reached = self.reached + int(_reached(known, grid)[1][fresh].sum())
+        if not len(rows):
+            return replace(self, cycles=cycles, reached=reached)
+        before = [] if self.first < 0 else [self.last]
+        return Voltages(
+            cycles=cycles,
+            told=self.told + len(rows),
+            reached=reached,
+            next_on=self.next_on + int(np.sum(np.diff([*before, *rows.tolist()]) == 1)),
+            first=int(rows[0]) if self.first < 0 else self.first,
+            last=int(rows[-1]),
+        )
+
+    @property
+    def sparse(self) -> bool:
+        """The usual voltage is more than a cycle behind the one before."""
+        return self.told > 1 and self.next_on < _DENSE * (self.told - 1)
+
+    @property
+    def share(self) -> float:
+        """Of all cycles those with a voltage; 0 without cycles."""
+        return self.told / max(self.cycles, 1)
+
+    @property
+    def held_share(self) -> float:
+        """As `share`, where each is held."""
+        return self.reached / max(self.cycles, 1)
+
+    @property
+    def share_within(self) -> float:
+        """Share of the cycles from the first voltage to the last; 0 for none."""
+        return self.told / (self.last - self.first + 1) if self.told else 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class ValveRates:
     """How often the topics of valves tell voltages; what earlier pieces of a bag told goes on.
 
     Attributes
     ----------
+    state, command : Voltages
+        Of `/valve_state` and `/valve_command`, in what was read so far.
+    until_ns : int or None
+        Stamp of the last cycle of these.
     sparse : frozenset of str
         Topics without a voltage in many of the cycles.
     demoted : bool
         Voltages are from `/valve_command`, though `/valve_state` tells some.
     """
 
+    state: Voltages = Voltages()
+    command: Voltages = Voltages()
+    until_ns: int | None = None
     sparse: frozenset[str] = frozenset()
     demoted: bool = False
 
     def after(
-        self, state_v: FloatArray | None, command_v: FloatArray | None, grid: IntArray
+        self,
+        state_v: FloatArray | None,
+        command_v: FloatArray | None,
+        grid: IntArray,
+        complete_ns: int | None = None,
     ) -> ValveRates:
         """With what one more piece tells.
 
@@ -53,11 +140,24 @@ class ValveRates:
         state_v, command_v : (N, m) array or None
             As recorded.
         grid : (N,) int64 array
+        complete_ns : int, optional
+            Stamp up to which all voltages are there; default: to the end.
         """
-        topics = ((VALVE_STATE, state_v), (VALVE_COMMAND, command_v))
-        found = {topic for topic, values in topics if 0.0 < _density(values, grid) < _DENSE}
-        demoted = 0.0 < _share(state_v) < min(_MOST, _share(command_v))
-        return ValveRates(self.sparse | found, self.demoted or demoted)
+        until = -1 if self.until_ns is None else self.until_ns
+        begin = 0 if self.until_ns is None else int(np.searchsorted(grid, until, side="right"))
+        end = len(grid)
+        if complete_ns is not None:
+            end = int(np.searchsorted(grid, complete_ns, side="right"))
+        if end <= begin:
+            return self
+        fresh = slice(begin, end)
+        state = self.state.after(state_v, grid, fresh)
+        command = self.command.after(command_v, grid, fresh)
+        topics = ((VALVE_STATE, state), (VALVE_COMMAND, command))
+        found = {topic for topic, voltages in topics if voltages.sparse}
+        demoted = 0.0 < state.share < min(_MOST, command.share)
+        until = int(grid[end - 1])
+        return ValveRates(state, command, until, self.sparse | found, self.demoted or demoted)
 
     def held(self, topic: str, values: FloatArray | None, grid: IntArray) -> FloatArray | None:
         """Voltages of a sparse topic from their cycle to the next, for `HELD_S` at most.
@@ -78,40 +178,32 @@ class ValveRates:
         last, reached = _reached(np.isfinite(values), grid)
         return np.where(reached, np.take_along_axis(values, last, axis=0), np.nan)
 
-    def notes(
-        self,
-        state_v: FloatArray | None,
-        command_v: FloatArray | None,
-        source: str,
-        valve_v: FloatArray | None,
-    ) -> list[str]:
+    def notes(self, source: str) -> list[str]:
         """In words, what was held and what it is taken from.
 
         Parameters
         ----------
-        state_v, command_v : (N, m) array or None
-            As recorded.
-        source, valve_v
-            Of the `Recording`.
+        source : str
+            `valve_source` of the `Recording`.
         """
-        state, command = _share(state_v), _share(command_v)
         told = []
         if self.demoted and source == VALVE_COMMAND:
             told.append(
-                f"{VALVE_STATE} tells voltages in {state:.0%} of the cycles, {VALVE_COMMAND} in"
-                f" {command:.0%}: the commands are taken"
+                f"{VALVE_STATE} tells voltages in {self.state.share:.0%} of the cycles,"
+                f" {VALVE_COMMAND} in {self.command.share:.0%}: the commands are taken"
             )
+        one = self.state if source == VALVE_STATE else self.command
         if source in self.sparse:
-            left = 1.0 - _share(valve_v)
-            without = f"; {left:.0%} of the cycles stay without" if left > 1.0 - _DENSE else ""
+            left = 1.0 - one.held_share
+            without = f"; {left:.0%} of the cycles stay without" if left > _WITHOUT else ""
             told.append(
-                f"{source} tells voltages in {state if source == VALVE_STATE else command:.0%} of"
-                f" the cycles: each is held until the next, for up to {HELD_S:g} s{without}"
+                f"{source} tells voltages in {one.share:.0%} of the cycles: each is held until"
+                f" the next, for up to {HELD_S:g} s{without}"
             )
-        elif 0.0 < _share(valve_v) < _WHOLE:
+        elif source and 0.0 < one.share_within < _WHOLE:
             told.append(
-                f"{source} tells voltages in {_share(valve_v):.0%} of the cycles: windows of flows"
-                " that touch the others are left out"
+                f"{source} tells voltages in {one.share_within:.0%} of the cycles: windows of"
+                " flows that touch the others are left out"
             )
         return told
 
@@ -123,22 +215,6 @@ def _reached(known: BoolArray, grid: IntArray) -> tuple[IntArray, BoolArray]:
     from_ns = grid[np.maximum(last, 0)]
     reached = (last >= 0) & (grid[:, None] - from_ns <= round(HELD_S * 1e9))
     return np.maximum(last, 0), reached
-
-
-def _density(values: FloatArray | None, grid: IntArray) -> float:
-    """Share of the cycles with a voltage among those that one could be held in; 0 for none."""
-    if values is None or not np.isfinite(values).any():
-        return 0.0
-    known = np.asarray(np.isfinite(values).any(axis=1, keepdims=True), dtype=np.bool_)
-    return float(known.sum() / _reached(known, grid)[1].sum())
-
-
-def _share(values: FloatArray | None) -> float:
-    """Share of the cycles from the first voltage to the last in which there is one; 0 for none."""
-    if values is None or not np.isfinite(values).any():
-        return 0.0
-    known = np.flatnonzero(np.isfinite(values).any(axis=1))
-    return len(known) / int(known[-1] - known[0] + 1)
 
 
 def valve_columns(
