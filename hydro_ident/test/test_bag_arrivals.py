@@ -27,7 +27,10 @@ PIECE_S, OVERLAP_S = 0.5, 0.1
 
 @pytest.fixture
 def written(tmp_path: Path) -> Callable[..., Path]:
-    """Writes messages, each a topic and a cycle, in the order given; stamps of some are moved."""
+    """Writes messages, each a topic and a cycle, in the order given; stamps of some are moved.
+
+    From the middle on the clock of the reception may be set back.
+    """
 
     def write(
         columns: dict,
@@ -35,6 +38,7 @@ def written(tmp_path: Path) -> Callable[..., Path]:
         moved_ns: Mapping[str | tuple[str, int], int] | None = None,
         *,
         log_by_stamp: bool = False,
+        back_ns: int = 0,
     ) -> Path:
         path = tmp_path / f"bag{len(list(tmp_path.iterdir()))}"
         with BagWriter(path) as writer:
@@ -46,6 +50,7 @@ def written(tmp_path: Path) -> Callable[..., Path]:
                 stamp = START_NS + PERIOD_NS * k + moved.get((topic, k), moved.get(topic, 0))
                 values = {name: v[k] for name, v in fields.items()}
                 log_ns = stamp if log_by_stamp else START_NS + PERIOD_NS * came
+                log_ns -= back_ns * (2 * came >= len(order))
                 writer.write_stamped(topic, stamp, values, names=names, log_ns=log_ns)
         return path
 
@@ -189,3 +194,20 @@ def test_topics_written_one_after_the_other_are_played_side_by_side(
         assert [at for _, at in played] == sorted(at for _, at in played)
         assert len(played) == 2 * N
         assert len({topic for topic, _ in played[:4]}) == (2 if apart else 1)
+
+
+def test_a_bag_whose_clock_of_reception_was_set_back_is_played_as_recorded(
+    written, run_columns, small_blocks
+) -> None:
+    """The messages of a cycle stay beside each other."""
+    small_blocks(100)
+    topics = (JOINT_STATES, CHAMBER_PRESSURES, VALVE_COMMAND)
+    columns = {topic: run_columns(N)[topic] for topic in topics}
+    order = _side_by_side(topics)
+    path = written(columns, order, log_by_stamp=True, back_ns=1_200_000_000)
+    contents = contents_of(path)
+    assert not contents.apart
+    played = [c.topic for c, _, _ in messages_in_order(path, contents)]
+    assert len(played) == 3 * N
+    at = np.array([[i for i, t in enumerate(played) if t == topic] for topic in topics])
+    assert np.ptp(at, axis=0).max() < 6

@@ -15,6 +15,10 @@ from hydro_ident.bag.mcap_types import Channel, unchecked
 from hydro_ident.bag.reader import files_of, no_message
 from hydro_model.command_line.terminal import advance
 
+#: A topic's own times that step back by more are of a clock that was set: less than `LATE_S`, as
+#: a topic ends somewhat before the newest of all.
+_STEP_S = 0.5 * LATE_S
+
 
 @dataclass(frozen=True, slots=True)
 class PlayedTopic:
@@ -45,7 +49,8 @@ class Contents:
     unchecked : tuple of str
         What is under no checksum, in a line; empty where every message is under one.
     apart : bool
-        Topics do not lie side by side, as of a script that writes one after the other.
+        Topics do not lie side by side, as of a script that writes one after the other. Where a
+        topic's own times of reception step back, as by a clock that was set, they tell no order.
     """
 
     topics: tuple[PlayedTopic, ...]
@@ -77,30 +82,34 @@ def contents_of(path: str | Path) -> Contents:
     """
     files, notes, _ = files_of(Path(path))
     found: dict[str, PlayedTopic] = {}
-    side_by_side = _SideBySide()
+    every, own = _Onward(LATE_S), dict[str, _Onward]()
     for number, file in enumerate(files, 1):
         for block in file.blocks():
             what = f"looking at file {number} of {len(files)}"
             advance(what, file.health.read_bytes, file.health.size_bytes)
             first, last = int(block.log_ns.min()), int(block.log_ns.max())
-            side_by_side.add(block.data, first, last)
-            one = found.get(block.channel.topic)
+            topic = block.channel.topic
+            every.add(block.data, first, last)
+            own.setdefault(topic, _Onward(_STEP_S)).add(block.data, first, last)
+            one = found.get(topic)
             if one is not None:
                 first, last = min(first, one.first_ns), max(last, one.last_ns)
-            found[block.channel.topic] = PlayedTopic(block.channel, first, last)
+            found[topic] = PlayedTopic(block.channel, first, last)
         notes += file.health.told
     if not found:
         raise no_message(Path(path), notes)
     in_order = tuple(found[topic] for topic in sorted(found))
     healths = [file.health for file in files]
     damage = tuple(dict.fromkeys(notes))
-    return Contents(in_order, damage, unchecked(healths), not side_by_side.so_far)
+    apart = not every.so_far and all(one.so_far for one in own.values())
+    return Contents(in_order, damage, unchecked(healths), apart)
 
 
 @dataclass(slots=True)
-class _SideBySide:
-    """Whether no buffer holds messages that are far older than those of buffers before."""
+class _Onward:
+    """Whether no buffer holds messages that are older by `most_s` than those of buffers before."""
 
+    most_s: float
     so_far: bool = True
     _buffer: bytes = b""
     _newest_ns: int | None = None
@@ -110,7 +119,7 @@ class _SideBySide:
         """Take in the span of times of a block in the buffer `data`."""
         if data is not self._buffer:
             self._buffer, self._before_ns = data, self._newest_ns
-        if self._before_ns is not None and first_ns < self._before_ns - round(LATE_S * 1e9):
+        if self._before_ns is not None and first_ns < self._before_ns - round(self.most_s * 1e9):
             self.so_far = False
         self._newest_ns = last_ns if self._newest_ns is None else max(self._newest_ns, last_ns)
 
