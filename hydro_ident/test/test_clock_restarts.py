@@ -16,7 +16,12 @@ from hydro_ident.errors import BagError
 from hydro_ident.inspecting.inspection_reading import inspect_bag
 from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import JOINT_STATE
-from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_STATES, VALVE_COMMAND
+from hydro_msgs_docs.topics import (
+    CHAMBER_PRESSURES,
+    JOINT_REFERENCE,
+    JOINT_STATES,
+    VALVE_COMMAND,
+)
 
 N, PERIOD_NS = 900, 2_000_000
 TOPICS = (JOINT_STATES, CHAMBER_PRESSURES, VALVE_COMMAND)
@@ -28,7 +33,7 @@ def _written(
 ) -> Path:
     """Messages: topic, row and stamp in ns; received by a clock of the wall, or as stamped."""
     with BagWriter(path, {"robot": "xs031"}) as bag:
-        for topic in TOPICS:
+        for topic in columns:
             bag.add_topic(topic, JOINT_STATE)
         for came, (topic, k, stamp_ns) in enumerate(order):
             names, fields = columns[topic]
@@ -144,3 +149,18 @@ def test_a_topic_of_the_second_run_alone_goes_by_its_reception(
     for read_it in (read_recording, inspect_bag):
         with pytest.raises(BagError, match=wrong):
             read_it(path, robot)
+
+
+def test_a_topic_of_names_without_values_goes_with_the_others(
+    tmp_path: Path, run_columns, robot: Robot, small_blocks
+) -> None:
+    small_blocks(100)
+    columns = run_columns(2 * N)
+    columns[JOINT_REFERENCE] = robot.joint_names, {}
+    order = _two_runs((*TOPICS, JOINT_REFERENCE), 0)
+    path = _written(tmp_path / "bag", columns, order)
+    for read in _read(path, robot):
+        assert len(read) == 2 * N
+        assert read.q_ref is None
+        assert [note for note in read.notes if note.startswith(SAID)]
+    assert inspect_bag(path, robot).cycles == 2 * N

@@ -138,6 +138,8 @@ class _Part:
 
 def _restarts(series: Series) -> list[int]:
     """Rows of a topic in file order with which its clock starts over."""
+    if not series.fields:  # names without values tell nothing twice
+        return []
     leaps = np.flatnonzero(np.abs(np.diff(series.stamp_ns)) > _LEAP_NS) + 1
     if not (np.diff(series.stamp_ns) < -_LEAP_NS).any() or len(leaps) > _MOST_LEAPS:
         return []
