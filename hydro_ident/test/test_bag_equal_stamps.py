@@ -12,10 +12,11 @@ from hydro_ident.bag.digest import Digest
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.bag.streaming import stream_recordings
 from hydro_ident.bag.writer import BagWriter
+from hydro_ident.commands.inspect import text_of
 from hydro_ident.inspecting.inspection_reading import inspect_bag
 from hydro_model.robot import Robot
-from hydro_msgs_docs.cdr import JOINT_STATE
-from hydro_msgs_docs.topics import JOINT_STATES
+from hydro_msgs_docs.cdr import JOINT_STATE, TEMPERATURE
+from hydro_msgs_docs.topics import JOINT_STATES, OIL_TEMPERATURE
 
 N, START_NS, PERIOD_NS = 600, 10**18, 2_000_000
 Q = np.array([0.8, -1.2]) + 0.1 * np.random.default_rng(1).normal(size=(N, 2))
@@ -104,6 +105,10 @@ def test_many_repeated_messages_are_said_few_are_counted(
     for notes in (read.notes, _streamed(path, robot)[1], inspect_bag(path, rows=100).damage):
         assert any(note.startswith(said) for note in notes) == told
         assert not any("another value" in note for note in notes)
+    shown = text_of(inspect_bag(path))
+    assert ("DAMAGE" in shown) == told
+    # Right beside damage, too.
+    assert "twice: a stamp that came again, with nothing new; harmless where health is" in shown
 
 
 def test_a_repeated_message_that_differs_once_is_no_damage(tmp_path: Path, robot: Robot) -> None:
@@ -113,3 +118,24 @@ def test_a_repeated_message_that_differs_once_is_no_damage(tmp_path: Path, robot
     path = _written(tmp_path / "bag", robot, order)
     np.testing.assert_array_equal(read_recording(path, robot).q, Q)
     assert inspect_bag(path).damage == []
+
+
+def test_an_oil_temperature_that_is_sent_again_is_no_damage(tmp_path: Path, robot: Robot) -> None:
+    """With the stamp of its reading, until there is another: 1 Hz as 10 Hz."""
+    with BagWriter(tmp_path / "bag", {"robot": robot.name}) as bag:
+        bag.add_topic(JOINT_STATES, JOINT_STATE)
+        bag.add_topic(OIL_TEMPERATURE, TEMPERATURE)
+        for k in range(N):
+            stamp = START_NS + PERIOD_NS * k
+            bag.write_stamped(JOINT_STATES, stamp, {"position": Q[k]}, names=NAMES)
+            if k % 50 == 0:
+                reading = START_NS + PERIOD_NS * (k // 500 * 500)
+                bag.write_stamped(
+                    OIL_TEMPERATURE, reading, {"temperature": [40.0 + k // 500]}, log_ns=stamp
+                )
+    read = read_recording(tmp_path / "bag", robot)
+    assert read.duplicates == {OIL_TEMPERATURE: 10}
+    assert read.temperature_c is not None
+    np.testing.assert_array_equal(read.temperature_c, [40.0, 41.0])
+    for notes in (read.notes, inspect_bag(tmp_path / "bag").damage):
+        assert not any(OIL_TEMPERATURE in note for note in notes)

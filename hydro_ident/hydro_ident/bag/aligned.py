@@ -310,6 +310,8 @@ class Meetings:
 def irregular(repeats: Mapping[str, Repeats]) -> list[str]:
     """In words, topics with messages out of order or of stamps that had been there before.
 
+    An oil temperature that comes again is no fault.
+
     Parameters
     ----------
     repeats : mapping of str to Repeats
@@ -326,7 +328,8 @@ def irregular(repeats: Mapping[str, Repeats]) -> list[str]:
                 f"{name}: {one.contradicted} of {one.messages} messages tell another value of what"
                 " a message of the same stamp had told: the first holds"
             )
-        if one.duplicates > few:
+        # A slow sensor's driver may send its last reading again until there is another.
+        if one.duplicates > few and name != OIL_TEMPERATURE:
             told.append(
                 f"{name}: {one.duplicates} of {one.messages} messages left out: their stamps had"
                 " been there before"

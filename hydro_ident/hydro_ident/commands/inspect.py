@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 #: What two columns of the topics mean, where health has nothing to say of them.
 _MISSING = "missing: by the topic's own rate; what cycles lack stands under health"
-_TWICE = "twice: a stamp that came again, as where lockstep asks again; harmless, the first counts"
+_TWICE = "twice: a stamp that came again, with nothing new; harmless where health is silent on it"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
