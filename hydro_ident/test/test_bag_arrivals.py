@@ -101,6 +101,7 @@ def _as_whole(path: Path, robot: Robot) -> list[Piece]:
         (JOINT_STATES, CHAMBER_PRESSURES, VALVE_COMMAND),
         (VALVE_COMMAND, JOINT_STATES, CHAMBER_PRESSURES),
         (CHAMBER_PRESSURES, VALVE_COMMAND, JOINT_STATES),
+        (JOINT_STATES, CHAMBER_PRESSURES, VALVE_COMMAND, VALVE_STATE),
     ],
 )
 def test_topics_written_one_after_the_other_are_in_every_piece(
