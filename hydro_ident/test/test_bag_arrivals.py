@@ -92,6 +92,7 @@ def _as_whole(path: Path, robot: Robot) -> list[Piece]:
             continue
         np.testing.assert_array_equal(np.concatenate(columns), getattr(whole, name), name)
     assert all(piece.recording.losses == whole.losses for piece in pieces)
+    assert all(piece.recording.valve_source == whole.valve_source for piece in pieces)
     return pieces
 
 
