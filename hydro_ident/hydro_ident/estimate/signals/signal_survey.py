@@ -25,11 +25,9 @@ _ORDERS = (3, 4, 5, 6)
 _QUICK_S = 0.0055
 #: The third difference of white noise has 1 + 9 + 9 + 1 times its variance.
 _THIRD = math.sqrt(20.0)
-#: Time before and after a position over which it is seen to bend, s; and the share of these sizes
-#: that the largest does not pass, as outliers do.
+#: Time before and after a position over which it is seen to bend, s, as a crane's accelerations
+#: are slower; and the share of these sizes that the largest does not pass, as outliers do.
 _BENDS_S, _LARGEST = 0.05, 0.99
-#: Accelerations are seen over this: a crane's are slower.
-_CURVE_S = 0.05
 #: A reading's usual size: few outliers are among the readings below it.
 _USUAL = 0.95
 
@@ -216,14 +214,10 @@ class SignalSurvey:
             for i, sensor in enumerate(sensors):
                 sensor.add(values[:, i], own, trace.step_s)
         self._add_others(trace)
-        self._add_curves(trace)
+        self._add_bends(trace)
         if np.isfinite(trace.q).all():
             self.low = np.minimum(self.low, trace.q[own].min(axis=0))
             self.high = np.maximum(self.high, trace.q[own].max(axis=0))
-        lag = max(1, round(_BENDS_S / trace.step_s))
-        sizes = np.abs(trace.q[2 * lag :] - 2.0 * trace.q[lag:-lag] + trace.q[: -2 * lag])[own]
-        for histogram, found in zip(self.bends, sizes.T, strict=True):
-            histogram.add(found)
         for i, cylinder in enumerate(self.robot.cylinders):
             strokes = trace.stroke[own, i]
             known = np.isfinite(strokes)
@@ -237,13 +231,17 @@ class SignalSurvey:
                 self.shortest[i, side] = np.min(seen, initial=self.shortest[i, side])
                 self.longest[i, side] = np.max(seen, initial=self.longest[i, side])
 
-    def _add_curves(self, trace: Trace) -> None:
-        span = max(1, round(_CURVE_S / trace.step_s))
+    def _add_bends(self, trace: Trace) -> None:
+        span = max(1, round(_BENDS_S / trace.step_s))
         own = slice(trace.owned.start, min(trace.owned.stop, trace.samples - 2 * span))
-        if own.stop <= own.start or not np.isfinite(trace.q).all():
+        if own.stop <= own.start:
             return
-        bent = trace.q[2 * span :] - 2.0 * trace.q[span:-span] + trace.q[: -2 * span]
-        squares = bent[own] ** 2 / (span * trace.step_s) ** 4
+        bent = (trace.q[2 * span :] - 2.0 * trace.q[span:-span] + trace.q[: -2 * span])[own]
+        for histogram, sizes in zip(self.bends, np.abs(bent).T, strict=True):
+            histogram.add(sizes)
+        if not np.isfinite(trace.q).all():
+            return
+        squares = bent**2 / (span * trace.step_s) ** 4
         count = own.stop - own.start
         self.curves[:, 0] += squares.sum(axis=0)
         self.curves[:, 1] += 6.0 * count / (span * trace.step_s) ** 4
