@@ -40,6 +40,7 @@ from hydro_control.law.motion_kernels import (
 )
 from hydro_control.motion.motion_limits import RELIEF_BAND
 from hydro_control.state.oil_columns import STROKE_MARGIN
+from hydro_model.hydraulics.root_kernels import root
 from hydro_model.hydraulics.valve import SMOOTH_PRESSURE_PA
 from hydro_model.multibody.rigid_body_kernels import required_torque_kernel
 from hydro_model.numerics.kernel import inlined, kernel
@@ -137,18 +138,14 @@ def _required_torque(arrays: Any, work: Any, q: Array, qd: Array, out: Array) ->
 
 @inlined
 def _open_root(difference_pa: float) -> float:
-    """Smoothed root of `hydro_model.hydraulics.valve`, no smaller than where it is smoothed."""
-    d = SMOOTH_PRESSURE_PA if difference_pa < SMOOTH_PRESSURE_PA else difference_pa
-    return d / math.sqrt(math.sqrt(d * d + SMOOTH_PRESSURE_PA * SMOOTH_PRESSURE_PA))
+    """The edge's root, no smaller than where it is smoothed."""
+    return root(SMOOTH_PRESSURE_PA if difference_pa < SMOOTH_PRESSURE_PA else difference_pa)
 
 
 @inlined
 def _fed_root(difference_pa: float) -> float:
-    """As `hydro_model.hydraulics.valve`: what runs back into the supply counts as such."""
-    d = difference_pa
-    if d >= 0.0 and d < SMOOTH_PRESSURE_PA:
-        d = SMOOTH_PRESSURE_PA
-    return d / math.sqrt(math.sqrt(d * d + SMOOTH_PRESSURE_PA * SMOOTH_PRESSURE_PA))
+    """As `_open_root`, but what runs back into the supply counts as such."""
+    return root(difference_pa) if difference_pa < 0.0 else _open_root(difference_pa)
 
 
 @kernel

@@ -2,20 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 from numba import njit
 
-from hydro_model.hydraulics.valve import SMOOTH_PRESSURE_PA
+from hydro_model.hydraulics.root_kernels import root
 from hydro_model.robot import FloatArray
-
-_SMOOTH = SMOOTH_PRESSURE_PA**2
-
-
-@njit(cache=True, error_model="numpy")
-def root(difference: float) -> float:
-    """`hydro_model.hydraulics.valve.signed_root` of a `difference` in Pa."""
-    return difference / math.sqrt(math.sqrt(difference * difference + _SMOOTH))
 
 
 @njit(cache=True, error_model="numpy")

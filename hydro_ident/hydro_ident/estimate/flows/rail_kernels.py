@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from hydro_ident.estimate.flows.edge_kernels import root
 from hydro_model.effects.compiled import call_law
 from hydro_model.effects.signals import (
     PISTON_POSITION,
@@ -26,6 +25,7 @@ from hydro_model.effects.signals import (
     VALVE_FLOW_B,
     VALVE_SIGNAL,
 )
+from hydro_model.hydraulics.root_kernels import root
 from hydro_model.numerics.kernel import kernel
 from hydro_model.robot import FloatArray
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hydro_model.hydraulics import root_kernels
 from hydro_model.hydraulics.valve import (
     SMOOTH_PRESSURE_PA,
     edge_flows,
@@ -81,6 +82,13 @@ def test_root_is_odd_monotone_and_smooth() -> None:
     assert np.all(slope > 0.0)
     assert slope.max() == pytest.approx(1.0 / np.sqrt(SMOOTH_PRESSURE_PA), rel=1e-3)
     assert signed_root(1e5) == pytest.approx(np.sqrt(1e5), rel=3e-5)
+
+
+def test_the_compiled_root_is_the_same_one() -> None:
+    d = np.linspace(-5.0, 5.0, 1001) ** 7 * SMOOTH_PRESSURE_PA
+    compiled = [root_kernels.root(one) for one in d]
+    np.testing.assert_allclose(compiled, signed_root(d), rtol=1e-15)
+    assert np.isnan(root_kernels.root(np.nan))
 
 
 @pytest.mark.parametrize("term", [-0.01, 0.01])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from hydro_model.effects.compiled import call_law
@@ -25,7 +24,7 @@ from hydro_model.effects.signals import (
     VALVE_FLOW_B,
     VALVE_SIGNAL,
 )
-from hydro_model.hydraulics.valve import SMOOTH_PRESSURE_PA
+from hydro_model.hydraulics.root_kernels import root
 from hydro_model.multibody.rigid_body_kernels import mass_matrix_and_bias
 from hydro_model.numerics.kernel import inlined, kernel
 from hydro_model.numerics.linear_kernels import solve_spd
@@ -59,13 +58,6 @@ from hydro_model.simulation.simulate_arrays import (
 )
 
 Array = Any  # numba types the kernels; mypy follows no numba import
-_SMOOTH_SQUARED = SMOOTH_PRESSURE_PA**2
-
-
-@inlined
-def _root(d: float) -> float:
-    """Smoothed signed square root, as `hydro_model.hydraulics.valve.signed_root`."""
-    return d / math.sqrt(math.sqrt(d * d + _SMOOTH_SQUARED))
 
 
 @inlined
@@ -125,10 +117,10 @@ def _valve(model: Any, work: Any, i: int, u: float) -> tuple[float, float]:
     s, edges = work.signals[i], model.edges[i]
     up, down = max(u, 0.0), min(u, 0.0)
     p_s, p_t, p_a, p_b = s[SUPPLY_PRESSURE], s[TANK_PRESSURE], s[PRESSURE_A], s[PRESSURE_B]
-    from_pump_a = edges[0] * _root(p_s - p_a) * up
-    to_tank_a = -edges[1] * _root(p_a - p_t) * down
-    from_pump_b = -edges[2] * _root(p_s - p_b) * down
-    to_tank_b = edges[3] * _root(p_b - p_t) * up
+    from_pump_a = edges[0] * root(p_s - p_a) * up
+    to_tank_a = -edges[1] * root(p_a - p_t) * down
+    from_pump_b = -edges[2] * root(p_s - p_b) * down
+    to_tank_b = edges[3] * root(p_b - p_t) * up
     return from_pump_a - to_tank_a, from_pump_b - to_tank_b
 
 
