@@ -139,13 +139,14 @@ def _required_torque(arrays: Any, work: Any, q: Array, qd: Array, out: Array) ->
 @inlined
 def _open_root(difference_pa: float) -> float:
     """The edge's root, no smaller than where it is smoothed."""
-    return root(SMOOTH_PRESSURE_PA if difference_pa < SMOOTH_PRESSURE_PA else difference_pa)
+    d = SMOOTH_PRESSURE_PA if difference_pa < SMOOTH_PRESSURE_PA else difference_pa
+    return float(root(d))
 
 
 @inlined
 def _fed_root(difference_pa: float) -> float:
     """As `_open_root`, but what runs back into the supply counts as such."""
-    return root(difference_pa) if difference_pa < 0.0 else _open_root(difference_pa)
+    return float(root(difference_pa) if difference_pa < 0.0 else _open_root(difference_pa))
 
 
 @kernel
