@@ -55,6 +55,7 @@ _HEADLINES = {
     ),
     NOT_ENOUGH: ("bad", "These recordings are not enough to say anything."),
 }
+_RESERVED = "The model left physics out. It has been found and named, with a reservation."
 _ERRORS = (
     "Before anything is added to the model, by the root mean square error over all held-out rows:"
 )
@@ -81,6 +82,8 @@ def diagnosis_verdict(found: Diagnosis, held_out: Sequence[ChannelRows]) -> Verd
 def _headline(found: Diagnosis, held_out: Sequence[ChannelRows]) -> tuple[str, str]:
     """Tone and headline: green only where names are told apart and little is left."""
     tone, headline = _HEADLINES[found.verdict]
+    if found.verdict == PARTLY and not found.unexplained:
+        return tone, _RESERVED
     if found.verdict != EXPLAINED:
         return tone, headline
     unsure = sum(f.named.probability[0] < _SURE for f in found.findings)
@@ -204,6 +207,7 @@ def _sure(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
             f"Beside {shortened(freed)} the base predicts these rows better: without it, the base"
             " had taken up something in the recordings that were fitted that is not in these."
         )
+    lines += [f"Reservation: {one}." for one in found.reservations]
     lines += noise_line(held_out)
     lines += free_run_line(found.free_run)
     lines += loss_line(found.losses)

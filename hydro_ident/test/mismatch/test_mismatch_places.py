@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.answer.diagnosis import _doubtful, _hardly_better, diagnose
+from hydro_ident.mismatch.answer.diagnosis import diagnose
+from hydro_ident.mismatch.answer.doubts import doubts, hardly_better
 from hydro_ident.mismatch.answer.outcome import ChannelResult
 from hydro_ident.mismatch.fitting.stepping import is_free, limits_of
 from hydro_ident.mismatch.fitting.training import start_model
@@ -145,7 +146,9 @@ def test_what_leaves_much_far_above_the_sensors_is_not_explained(
     time = np.arange(100.0)
     error = np.where(time % 2.0 > 0.0, 1.0, -1.0)
     one = ChannelResult("lift/force", "N", time, np.zeros(100), -error, -left * error, floor)
-    assert _hardly_better([SimpleNamespace(channels=channels)], [one]) is hardly  # type: ignore[list-item]
+    said = hardly_better([SimpleNamespace(channels=channels)], [one])  # type: ignore[list-item]
+    share = f"lift/force: {left:.0%} of the error is left, {left / floor:.0f} times what"
+    assert [line.startswith(share) for line in said] == [True] * hardly
 
 
 @pytest.mark.parametrize(
@@ -156,11 +159,16 @@ def test_what_other_recordings_know_better_is_not_explained(
 ) -> None:
     """It is the finding's strongest channel that has to be predicted as well as it could be."""
     work = laid_crane
-    found = [SimpleNamespace(channels=channels, named=SimpleNamespace(few=1.0))]
-    assert _doubtful(work, found, [], {"lift/force": 2.5}) is doubtful  # type: ignore[arg-type]
-    assert not _doubtful(work, found, [], {})  # type: ignore[arg-type]
-    found[0].named.few = 8.0  # of a joint that swept once
-    assert _doubtful(work, found, [], {})  # type: ignore[arg-type]
+    named = SimpleNamespace(few=1.0, names=("coulomb_friction",), term=SimpleNamespace(target="a"))
+    found = [SimpleNamespace(channels=channels, named=named)]
+    said = doubts(work, found, [], {"lift/force": 2.5})  # type: ignore[arg-type]
+    worse = "lift/force: rows to verify on are predicted 2.5 times worse"
+    assert [line.startswith(worse) for line in said] == [True] * doubtful
+    assert doubts(work, found, [], {}) == ()  # type: ignore[arg-type]
+    assert doubts(work, [], [], {"lift/force": 2.5}) == ()
+    named.few = 8.0  # of a joint that swept once
+    few = ("few motions of its joint show coulomb_friction of a",)
+    assert doubts(work, found, [], {}) == few  # type: ignore[arg-type]
 
 
 def bend(robot: Robot, target: str) -> dict[str, tuple[float, float]]:

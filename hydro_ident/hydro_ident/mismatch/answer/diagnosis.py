@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from hydro_ident.bag.recording import Recording
@@ -13,6 +13,7 @@ from hydro_ident.identify.survey import Survey, by_torques, recorded_notes, surv
 from hydro_ident.identify.verdict import BagLoss, losses_of, wrong_robot
 from hydro_ident.mismatch.answer.answering import STAGES, Answer, answered, base_to_search
 from hydro_ident.mismatch.answer.channel_results import channels_of, rows_of_training
+from hydro_ident.mismatch.answer.doubts import doubts
 from hydro_ident.mismatch.answer.hardly_shows import hardly_notes, parted_hardly
 from hydro_ident.mismatch.answer.minor import minor_notes, parted, parted_unknown
 from hydro_ident.mismatch.answer.not_testable import not_testable
@@ -46,13 +47,9 @@ from hydro_ident.mismatch.locating.locate import dependences
 from hydro_ident.mismatch.modelling.model import Modelled, robot_of
 from hydro_ident.mismatch.modelling.refinement import Refinement, refine
 from hydro_ident.mismatch.naming.instants import at_own_instants, begun
-from hydro_ident.mismatch.rows.rests import motions_in
 from hydro_ident.mismatch.settings import (
-    FAR,
-    FEW_MOTIONS,
     DiagnosisSettings,
 )
-from hydro_ident.mismatch.split.held_out import rms
 from hydro_ident.mismatch.split.listed_friction import bristle_notes
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
 from hydro_ident.mismatch.trials.exclusion import shut_out
@@ -61,9 +58,6 @@ from hydro_ident.recordings.sources import KeptSource, Source, check_names, sour
 from hydro_ident.rollouts.free_run import FreeRun, free_run
 from hydro_model.command_line.terminal import advance
 from hydro_model.robot import Robot
-
-#: Share of the error (rms) that findings leave at most where it is far above the sensors' noise.
-_HARDLY = 0.25
 
 
 def diagnose(
@@ -176,9 +170,10 @@ def _diagnosed(
     in_motion = channels_of(work, whole, replace(work.check, mask=work.check.rows_in_motion))
     off = runs_off(run)
     notes += off
-    doubtful = bool(off) or _doubtful(work, findings, in_motion, ratios)
+    reservations = doubts(work, findings, in_motion, ratios)
+    notes += [f"reservation: {one}" for one in reservations]
     return Diagnosis(
-        _verdict(findings, [*rejected, *taken], channels, unknown, doubtful),
+        _verdict(findings, [*rejected, *taken], channels, unknown, bool(off or reservations)),
         work.robot,
         modelled.robot,
         tuple(findings),
@@ -194,6 +189,7 @@ def _diagnosed(
         whole=whole,
         fitted=channels_of(work, whole, rows_of_training(work)),
         refinement=refined,
+        reservations=(*off, *reservations) if findings else (),
     )
 
 
@@ -234,34 +230,6 @@ def _rolled_out(work: Residuals, whole: Fitted, before: Robot, after: Robot) -> 
     seen = begun(after, there.terms)
     given = seen if before is after else begun(before, there.terms)
     return free_run(given, seen, work.check_traces, work.split, filters)
-
-
-def _doubtful(
-    work: Residuals,
-    findings: Sequence[Finding],
-    channels: Sequence[ChannelResult],
-    ratios: Mapping[str, float],
-) -> bool:
-    """Whether what was found may be something else, whatever held-out rows say of it.
-
-    `ratios` are those of channels of which other recordings know more.
-    """
-    material = work.training.predictor.material
-    # Where one pressure is not known, another law may look like what was found.
-    unpaired = any(name in f.channels for f in findings for name in material.unpaired)
-    few = motions_in(material) < FEW_MOTIONS or any(f.named.few > 1.0 for f in findings)
-    elsewhere = any(f.channels[0] in ratios for f in findings)
-    return few or unpaired or elsewhere or _hardly_better(findings, channels)
-
-
-def _hardly_better(findings: Sequence[Finding], channels: Sequence[ChannelResult]) -> bool:
-    """Whether much of the error is left where something was found, far above the sensors."""
-    named = {name for finding in findings for name in finding.channels}
-    return any(
-        rms(c.measured - c.after) > max(_HARDLY * rms(c.measured - c.before), FAR * c.noise_floor)
-        for c in channels
-        if c.name in named
-    )
 
 
 def _verdict(

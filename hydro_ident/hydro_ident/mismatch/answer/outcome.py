@@ -96,6 +96,8 @@ class Diagnosis:
     recordings : tuple of RecordingSummary
     refinement : Refinement or None
         By roll-outs, where it was asked for.
+    reservations : tuple of str
+        Why findings explain but partly, beside what is unexplained or not exercised.
     """
 
     verdict: str
@@ -116,3 +118,4 @@ class Diagnosis:
     fitted: tuple[ChannelResult, ...] = ()
     recordings: tuple[RecordingSummary, ...] = ()
     refinement: Refinement | None = None
+    reservations: tuple[str, ...] = ()
