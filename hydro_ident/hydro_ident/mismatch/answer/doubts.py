@@ -69,7 +69,7 @@ def _elsewhere(findings: Sequence[Finding], ratios: Mapping[str, float]) -> list
     first = dict.fromkeys(f.channels[0] for f in findings)
     return [
         f"{name}: rows to verify on are predicted {ratios[name]:.2g} times worse than by the same"
-        " model fitted to them, so that numbers or forms of what was found there are not theirs"
+        " model fitted to them: sizes or forms found there do not carry over"
         for name in first
         if name in ratios
     ]
