@@ -133,8 +133,9 @@ def run(arguments: Sequence[str]) -> int:
         return 0
     if options.archive:
         from hydro_ident.study.archive import pack
+        from hydro_ident.study.done_cases import done_scores
 
-        pack(options.archive, options.out, plan, _scores(options.out / RESULTS))
+        pack(options.archive, options.out, plan, done_scores(options.out / RESULTS))
     summary = publish(options.out, done, plan)
     if options.publish:
         _into_docs(options.publish, summary)
@@ -144,11 +145,12 @@ def run(arguments: Sequence[str]) -> int:
 
 def _from_archive(file: Path, out: Path, plan: dict[str, Any]) -> None:
     from hydro_ident.study.archive import unpack
+    from hydro_ident.study.done_cases import append_score, done_scores
 
-    known = {score["case"] for score in _scores(out / RESULTS)}
+    known = {score["case"] for score in done_scores(out / RESULTS)}
     for score in unpack(file, out, plan):
         if score["case"] not in known:
-            _append(out / RESULTS, score)
+            append_score(out / RESULTS, score)
 
 
 def _say_if_not_secluded() -> None:
@@ -208,11 +210,12 @@ def _work(options: argparse.Namespace, seed: int) -> list[str]:
     """Every case that is not done yet, in any number of processes; names in case order."""
     from concurrent.futures import ProcessPoolExecutor, as_completed
 
+    from hydro_ident.study.done_cases import append_score, done_scores
     from hydro_ident.study.generate import CaseSpec, kinds
 
     specs = [CaseSpec(seed, i, kind) for i, kind in enumerate(kinds(seed, options.cases))]
     results = options.out / RESULTS
-    done = {str(score["case"]) for score in _scores(results)}
+    done = {str(score["case"]) for score in done_scores(results)}
     waiting = [spec for spec in specs if spec.name not in done and not options.done_only]
     flags = (options.generate_only, options.keep_recordings)
     with ProcessPoolExecutor(options.jobs) as pool:
@@ -227,29 +230,8 @@ def _work(options: argparse.Namespace, seed: int) -> list[str]:
             if options.generate_only or "failed" in row:
                 continue
             done.add(row["case"])
-            _append(results, row)
+            append_score(results, row)
     return [spec.name for spec in specs if spec.name in done]
-
-
-def _append(results: Path, score: dict[str, Any]) -> None:
-    import json
-
-    with results.open("a", encoding="utf-8") as stream:
-        stream.write(json.dumps(score) + "\n")
-
-
-def _scores(results: Path) -> list[dict[str, Any]]:
-    """Of the cases that are done."""
-    import json
-
-    scores = list[dict[str, Any]]()
-    if results.is_file():
-        for line in results.read_text(encoding="utf-8").splitlines():
-            try:
-                scores.append(json.loads(line))
-            except ValueError:
-                continue  # the line that a stopped run was writing
-    return scores
 
 
 def one_case(spec: CaseSpec, out: Path, generate_only: bool, keep: bool) -> dict[str, Any]:
