@@ -258,10 +258,35 @@ def test_a_robot_by_the_bags_name_is_looked_for_where_its_user_works(
     assert f"robot by the name in the bag: {here / 'ours.hydraulics.yaml'}" in out
     # Two of that name: the one that is called so.
     (here / "older.hydraulics.yaml").write_text(text)
-    assert inspect_bag(bag, folders=[here]).robot is None
+    found = inspect_bag(bag, folders=[here])
+    assert found.robot is None
+    assert "expected one file of robot 'loader', found 2: " in found.robot_troubles[0]
     (here / "loader.hydraulics.yaml").write_text(text)
     assert inspect_bag(bag, folders=[here]).robot_file == str(here / "loader.hydraulics.yaml")
     assert named_robot({"robot": str(here / "ours")}, [here]) is None
+
+
+def test_a_broken_file_of_the_named_robot_is_not_called_absent(
+    tmp_path, write_bag, run_columns, capsys, monkeypatch
+) -> None:
+    """A key that it lacks, and a file of which nobody can tell whose it is: the reason is told."""
+    text = shipped_robots()["xs031"].read_text().replace("robot: xs031", "robot: loader")
+    bag = write_bag(run_columns(N), metadata={"robot": "loader"})
+    monkeypatch.chdir(tmp_path)
+    for broken, why in ((text, "xs031.urdf"), ("robot: [loader", "ours.hydraulics.yaml")):
+        (tmp_path / "ours.hydraulics.yaml").write_text(broken)
+        assert main([str(bag)]) == 0
+        out = capsys.readouterr().out
+        assert "the bag names 'loader', of which no file here can be used; give --robot" in out
+        health = out.partition("health\n")[2].splitlines()
+        assert "not looked at" in health[0]
+        assert "CHECK" in health[1]
+        assert why in health[1]
+    # Once the robot is there, a file that may be another one's is nobody's trouble.
+    shutil.copy(shipped_robots()["xs031"].with_name("xs031.urdf"), tmp_path)
+    (tmp_path / "loader.hydraulics.yaml").write_text(text)
+    found = inspect_bag(bag, folders=[tmp_path])
+    assert (found.robot, found.robot_troubles) == ("loader", ())
 
 
 def test_a_missing_bag_names_those_beside_it(tmp_path, write_bag, run_columns, capsys) -> None:

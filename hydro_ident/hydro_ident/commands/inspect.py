@@ -80,9 +80,9 @@ def _verdict(i: Inspection) -> list[str]:
         said = coloured("damaged", "red") + ": what can be read is used"
     elif i.robot is None:
         named = printable(i.metadata.get("robot", ""))
-        what = (
-            f"the bag names '{named}', of which no one file is here" if named else "none is named"
-        )
+        # What is wrong with a file stands under health.
+        which = "no file here can be used" if i.robot_troubles else "no one file is here"
+        what = f"the bag names '{named}', of which {which}" if named else "none is named"
         said = coloured("no robot", "yellow") + f": {what}; give --robot"
     elif not i.channels:
         said = coloured("nothing to identify", "red") + ": no channel is complete"
@@ -116,6 +116,7 @@ def _troubles(i: Inspection) -> list[str]:
     check, lines = coloured("CHECK", "yellow"), list[str]()
     if i.robot is None:
         lines.append(f"  {check}   joints, pressures and valves were not looked at: give --robot")
+        lines += [f"  {check}   {printable(text)}" for text in i.robot_troubles]
     lines += [f"  {coloured('DAMAGE', 'red')}  {printable(text)}" for text in i.damage]
     lines += [f"  {check}   {printable(f'{one.signal}: {one.text}')}" for one in _irregular(i)]
     lines += [f"  {coloured('SAID', 'yellow')}    {printable(text)}" for text in i.diagnostics]

@@ -95,6 +95,8 @@ class Inspection:
         The project's own; long texts by their size.
     robot_file : str or None
         In which the robot was found that the bag names, where it is none that is shipped.
+    robot_troubles : tuple of str
+        Where none was found: what is wrong with files that have its name in it, or may have.
     """
 
     bag: str
@@ -117,6 +119,7 @@ class Inspection:
     diagnostics: list[str]
     metadata: dict[str, str]
     robot_file: str | None = None
+    robot_troubles: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""

@@ -28,7 +28,7 @@ from hydro_ident.errors import BagError
 from hydro_ident.inspecting.health import Finding, irregularities
 from hydro_ident.inspecting.inspection import Inspection, TopicSummary, ranges_in
 from hydro_ident.inspecting.inspection_passes import FirstPass, SecondPass
-from hydro_ident.inspecting.named_robot import named_robot
+from hydro_ident.inspecting.named_robot import look_for, named_robot
 from hydro_ident.inspecting.signal_look import SignalLook
 from hydro_model.robot import Robot
 from hydro_model.robot_files import shipped_robots
@@ -76,10 +76,12 @@ def inspect_bag(
     except UndecidedError:
         # Of the whole every interval is kept apart.
         found = reading.inspection(Known(whole=True))
-    if found.robot is None or robot is not None or found.robot in shipped_robots():
+    if robot is not None or found.robot in shipped_robots():
         return found
-    by_name = robot_of(found.metadata)
-    return found if by_name is None else replace(found, robot_file=str(by_name.source))
+    named = look_for(found.metadata, folders)
+    if found.robot is None or named.robot is None:
+        return replace(found, robot_troubles=named.troubles)
+    return replace(found, robot_file=str(named.robot.source))
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from hydro_model.errors import RobotError
@@ -12,6 +13,23 @@ from hydro_model.robot_files import is_file, load_robot, read_yaml, shipped_robo
 _SUFFIX = ".hydraulics.yaml"
 #: Robot files of a folder that are looked into.
 _MOST_FILES = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """What the name in a bag led to.
+
+    Attributes
+    ----------
+    robot : Robot or None
+        None where no file has that name in it, several have and none is named after it, or the
+        one that has is broken.
+    troubles : tuple of str
+        What is wrong with files that have that name in it, or may have; empty with a robot.
+    """
+
+    robot: Robot | None
+    troubles: tuple[str, ...] = ()
 
 
 def named_robot(metadata: Mapping[str, str], folders: Sequence[Path] = ()) -> Robot | None:
@@ -27,35 +45,59 @@ def named_robot(metadata: Mapping[str, str], folders: Sequence[Path] = ()) -> Ro
     Returns
     -------
     Robot or None
-        None where no file has that name in it, or several have and none is named after it.
+        As `Named.robot`.
+    """
+    return look_for(metadata, folders).robot
+
+
+def look_for(metadata: Mapping[str, str], folders: Sequence[Path] = ()) -> Named:
+    """The robot that a bag names, or why there is none.
+
+    Parameters
+    ----------
+    metadata, folders
+        As of `named_robot`.
+
+    Returns
+    -------
+    Named
     """
     named = metadata.get("robot", "")
     # Never a path: what a bag says opens no other file.
-    source = named if named in shipped_robots() else _file_of(named, folders)
+    source: str | Path | None = named if named in shipped_robots() else None
+    troubles: tuple[str, ...] = ()
     if source is None:
-        return None
+        source, troubles = _file_of(named, folders)
+    if source is None:
+        return Named(None, troubles)
     try:
-        return load_robot(source)
-    except RobotError:
-        return None
+        return Named(load_robot(source))
+    except RobotError as error:
+        return Named(None, (*troubles, str(error)))
 
 
-def _file_of(named: str, folders: Sequence[Path]) -> Path | None:
-    """The one robot file of folders in which a robot is called so."""
-    found: list[Path] = []
-    for folder in dict.fromkeys(folders) if named else ():
+def _file_of(named: str, folders: Sequence[Path]) -> tuple[Path | None, tuple[str, ...]]:
+    """The one robot file of folders in which a robot is called so; what is wrong with others."""
+    found, troubles = list[Path](), list[str]()
+    for path in _files(folders) if named else ():
+        try:
+            name = read_yaml(path).text("robot")
+        except RobotError as error:
+            troubles.append(str(error))
+            continue
+        found += [path] if name == named else []
+    own = [path for path in found if path.name == f"{named}{_SUFFIX}"]
+    if len(found) > 1 and not own:
+        files = ", ".join(str(path) for path in found)
+        troubles.append(f"expected one file of robot '{named}', found {len(found)}: {files}")
+    return next(iter(own), found[0] if len(found) == 1 else None), tuple(troubles)
+
+
+def _files(folders: Sequence[Path]) -> Iterator[Path]:
+    """Robot files of folders."""
+    for folder in dict.fromkeys(folders):
         try:
             files = sorted(folder.glob(f"*{_SUFFIX}"))[:_MOST_FILES]
         except OSError:
             continue
-        found += [path for path in files if is_file(path) and _name_in(path) == named]
-    own = [path for path in found if path.name == f"{named}{_SUFFIX}"]
-    return next(iter(own), found[0] if len(found) == 1 else None)
-
-
-def _name_in(path: Path) -> str:
-    """What a robot file calls its robot; empty where it cannot be read."""
-    try:
-        return read_yaml(path).text("robot")
-    except RobotError:
-        return ""
+        yield from (path for path in files if is_file(path))
