@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import argparse
-import shlex
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hydro_ident.commands.results_folder import deliver, origin_of, write_files
 from hydro_ident.mismatch.settings import LONGEST_S, LONGEST_SCAN_S
 from hydro_model.command_line.command import Parser, run_command
-from hydro_model.command_line.output import STDOUT, add_json, report
+from hydro_model.command_line.output import add_json
 from hydro_model.command_line.terminal import progress_bar
 
 if TYPE_CHECKING:
     from hydro_ident.identify.results import Provenance
     from hydro_ident.mismatch.answer.outcome import Diagnosis, Finding
+    from hydro_model.robot import Robot
+
+#: Options that the result depends on, besides its bags and its robot.
+_RESULT_OPTIONS = ("validate", "fixed_base", "refine", "longest")
 
 _EPILOG = """\
 DIR gets result.json and report.html and, unless the data were not enough, model.yaml (a robot
@@ -107,8 +112,6 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
     RobotError
         The robot file says what cannot be.
     """
-    from hydro_ident.identify.earlier_result import earlier_result
-    from hydro_ident.identify.origin import provenance
     from hydro_ident.identify.results import REPORT_FILE
     from hydro_ident.mismatch.answer.diagnosis import diagnose
     from hydro_ident.mismatch.answer.diagnosis_file import result_dict
@@ -122,19 +125,8 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
     say_if_no_report("diagnose", REPORT_FILE, "all other files are")
     robot = load_robot(options.robot)
     training, validation = bag_sources(options.bags, options.validate, robot)
-    # Without --out: the same input gives the same result wherever it is written.
-    command = ["diagnose", *options.bags, "--robot", options.robot]
-    command += ["--validate", *options.validate] if options.validate else []
-    command += ["--fixed-base"] if options.fixed_base else []
-    command += ["--refine"] if options.refine else []
-    command += ["--longest", f"{options.longest:g}"] if options.longest != LONGEST_S else []
-    origin = provenance(
-        shlex.join(command),
-        options.robot,
-        {source.name: source.path for source in training},
-        {source.name: source.path for source in validation},
-        robot,
-    )
+    sources = training, validation
+    origin = origin_of(options, parser(), _RESULT_OPTIONS, sources, (robot, None))
     settings = DiagnosisSettings(
         options.fixed_base,
         refine=RefineSettings() if options.refine else None,
@@ -143,17 +135,14 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
     )
     with progress_bar():
         found = diagnose(robot, training, validation, settings)
-    earlier = earlier_result(options.out)
-    write_results(found, origin, options.out)
-    if earlier:
-        print(f"diagnose: replaced in {options.out}: the result of {earlier}", file=sys.stderr)
-    report(options.json, result_dict(found, origin), summary_text(found))
-    if found.verdict == NOT_ENOUGH:
-        print(f"diagnose: {'; '.join(found.problems)}", file=sys.stderr)
-        return 1, found
-    if options.json != STDOUT:
-        print(f"written: {options.out}")
-    return 0, found
+    code = deliver(
+        "diagnose",
+        options,
+        lambda folder: write_results(found, origin, folder),
+        (result_dict(found, origin), summary_text(found)),
+        found.problems if found.verdict == NOT_ENOUGH else None,
+    )
+    return code, found
 
 
 def write_results(found: Diagnosis, origin: Provenance, folder: Path) -> None:
@@ -170,24 +159,22 @@ def write_results(found: Diagnosis, origin: Provenance, folder: Path) -> None:
     IdentError
         The folder cannot be written; what was there stays.
     """
-    from hydro_ident.identify.model_file import write_model
-    from hydro_ident.identify.results import MODEL_FILE, write_outcome
     from hydro_ident.mismatch.answer.diagnosis_file import result_json
-    from hydro_ident.optional import installed
     from hydro_ident.report.diagnosis_report import report_html
 
-    robot = found.robot
-
-    def write_robot(fresh: Path) -> None:
-        if robot is not None:
-            write_model(robot, fresh / MODEL_FILE, origin.as_dict())
-
-    write_outcome(
+    write_files(
         folder,
         result_json(found, origin),
-        report_html(found, origin.as_dict()) if installed("plotly") else None,
-        None if robot is None else write_robot,
+        lambda: report_html(found, origin.as_dict()),
+        None if found.robot is None else partial(_write_robot, found.robot, origin),
     )
+
+
+def _write_robot(robot: Robot, origin: Provenance, folder: Path) -> None:
+    from hydro_ident.identify.model_file import write_model
+    from hydro_ident.identify.results import MODEL_FILE
+
+    write_model(robot, folder / MODEL_FILE, origin.as_dict())
 
 
 def summary_text(found: Diagnosis) -> str:

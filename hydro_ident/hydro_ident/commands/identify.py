@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hydro_ident.commands.results_folder import deliver, origin_of, write_files
 from hydro_model.command_line.command import Parser, run_command
-from hydro_model.command_line.output import STDOUT, add_json, report
+from hydro_model.command_line.output import add_json
 from hydro_model.command_line.terminal import progress_bar
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from hydro_ident.identify.results import Provenance
     from hydro_ident.parameters.model_statistics import Statistics
     from hydro_ident.parameters.parameters import Parameter
+    from hydro_model.robot import Robot
 
 _EPILOG = """\
 DIR gets result.json and report.html and, unless the data were not enough, model.yaml (a robot
@@ -121,9 +123,7 @@ def run(arguments: Sequence[str]) -> int:
     options = parser().parse_args(arguments)
     from hydro_ident.identify.compare import Sides, compare
     from hydro_ident.identify.earlier_model import check_same_machine
-    from hydro_ident.identify.earlier_result import earlier_result
     from hydro_ident.identify.identification import identify
-    from hydro_ident.identify.origin import provenance
     from hydro_ident.identify.results import REPORT_FILE, result_dict
     from hydro_ident.identify.verdict import NOT_ENOUGH
     from hydro_ident.optional import require, say_if_no_report
@@ -140,19 +140,8 @@ def run(arguments: Sequence[str]) -> int:
     if old is not None:
         check_same_machine(old, robot, options.compare)
     training, validation = bag_sources(options.bags, options.validate, robot)
-    # Without --out: the same input gives the same result wherever it is written.
-    command = ["identify", *options.bags, "--robot", options.robot]
-    command += ["--validate", *options.validate] if options.validate else []
-    command += ["--compare", options.compare] if options.compare else []
-    command += changed_options(options)
-    origin = provenance(
-        shlex.join(command),
-        options.robot,
-        {source.name: source.path for source in training},
-        {source.name: source.path for source in validation},
-        robot,
-        old,
-    )
+    sources, robots = (training, validation), (robot, old)
+    origin = origin_of(options, parser(), _RESULT_OPTIONS, sources, robots)
     with workers_at(options.scheduler) as workers, progress_bar():
         found = identify(robot, training, validation, settings, workers)
     if old is not None and found.robot is not None:
@@ -160,17 +149,13 @@ def run(arguments: Sequence[str]) -> int:
         sides = Sides(before, found_statistics(found, origin))
         comparison = compare(old, found.robot, found.parameters, options.compare, sides)
         found = replace(found, comparison=comparison)
-    earlier = earlier_result(options.out)
-    write_results(found, origin, options.out)
-    if earlier:
-        print(f"identify: replaced in {options.out}: the result of {earlier}", file=sys.stderr)
-    report(options.json, result_dict(found, origin), summary_text(found))
-    if found.verdict == NOT_ENOUGH:
-        print(f"identify: {'; '.join(found.problems)}", file=sys.stderr)
-        return 1
-    if options.json != STDOUT:
-        print(f"written: {options.out}")
-    return 0
+    return deliver(
+        "identify",
+        options,
+        lambda folder: write_results(found, origin, folder),
+        (result_dict(found, origin), summary_text(found)),
+        found.problems if found.verdict == NOT_ENOUGH else None,
+    )
 
 
 #: Command-line options of the filters and the field of `FilterSettings` that each one sets.
@@ -180,6 +165,8 @@ _FILTER_OPTIONS = {
     "filter_order": "order",
     "decimation": "keep_every",
 }
+#: Options that the result depends on, besides its bags and its robot.
+_RESULT_OPTIONS = ("validate", "compare", "hold_out", "estimator", *_FILTER_OPTIONS)
 
 
 def settings_of(options: argparse.Namespace) -> Settings:
@@ -196,21 +183,6 @@ def settings_of(options: argparse.Namespace) -> Settings:
         raise IdentError(f"expected --hold-out of 0, 2 or more, found {options.hold_out}")
     filters = FilterSettings(**chosen)
     return Settings(filters=filters, hold_out_every=options.hold_out, estimator=options.estimator)
-
-
-def changed_options(options: argparse.Namespace) -> list[str]:
-    """The estimators' options that are not at their defaults, as on a command line."""
-    defaults = parser()
-    return [
-        word
-        for name in ("hold_out", "estimator", *_FILTER_OPTIONS)
-        if getattr(options, name) != defaults.get_default(name)
-        for word in ("--" + name.replace("_", "-"), _word(getattr(options, name)))
-    ]
-
-
-def _word(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
 
 
 def found_statistics(found: Identification, origin: Provenance) -> Statistics:
@@ -239,26 +211,25 @@ def write_results(found: Identification, origin: Provenance, folder: Path) -> No
     IdentError
         The folder cannot be written; what was there stays.
     """
-    from hydro_ident.identify.model_file import write_model
-    from hydro_ident.identify.results import MODEL_FILE, URDF_FILE, result_json, write_outcome
-    from hydro_ident.identify.urdf_file import write_urdf
-    from hydro_ident.optional import installed
+    from hydro_ident.identify.results import result_json
     from hydro_ident.report.identification_report import report_html
 
-    robot = found.robot
-
-    def write_robot(fresh: Path) -> None:
-        if robot is not None:
-            statistics = found_statistics(found, origin)
-            write_model(robot, fresh / MODEL_FILE, origin.as_dict(), statistics)
-            write_urdf(robot, fresh / URDF_FILE)
-
-    write_outcome(
+    write_files(
         folder,
         result_json(found, origin),
-        report_html(found, origin.as_dict()) if installed("plotly") else None,
-        None if robot is None else write_robot,
+        lambda: report_html(found, origin.as_dict()),
+        None if found.robot is None else partial(_write_robot, found.robot, found, origin),
     )
+
+
+def _write_robot(robot: Robot, found: Identification, origin: Provenance, folder: Path) -> None:
+    from hydro_ident.identify.model_file import write_model
+    from hydro_ident.identify.results import MODEL_FILE, URDF_FILE
+    from hydro_ident.identify.urdf_file import write_urdf
+
+    statistics = found_statistics(found, origin)
+    write_model(robot, folder / MODEL_FILE, origin.as_dict(), statistics)
+    write_urdf(robot, folder / URDF_FILE)
 
 
 def summary_text(found: Identification) -> str:
