@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
+from hydro_hw_bridge.rig.truth_log import SCHEMA
 from hydro_ident.bag.diagnostics import DIAGNOSTIC_ARRAY
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.writer import BagWriter
@@ -130,7 +131,8 @@ def _tip_bag(tmp_path, name: str, cycles: int = 1000):
 def _save_truth(path, counters: np.ndarray, tip: np.ndarray) -> None:
     """As the rig's side file: named columns, more of them than are needed."""
     rows = np.column_stack([0.0 * counters, counters, tip])
-    np.savez_compressed(path, names=["time_s", "counter", "tip/x", "tip/y", "tip/z"], rows=rows)
+    names = ["time_s", "counter", "tip/x", "tip/y", "tip/z"]
+    np.savez_compressed(path, schema=SCHEMA, names=names, rows=rows)
 
 
 def _diagnostics() -> bytes:
@@ -261,10 +263,10 @@ def test_bad_input_is_one_line(tmp_path, bag, write_bag, run_columns, capsys) ->
     (tmp_path / "no.npz").write_bytes(b"nothing")
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
     _save_truth(tmp_path / "late.npz", np.arange(10) + 10**6, np.zeros((10, 3)))
-    np.savez(tmp_path / "column.npz", names=["counter"], rows=np.zeros((9, 1)))
-    np.savez(
-        tmp_path / "shape.npz", names=["counter", "tip/x", "tip/y", "tip/z"], rows=np.zeros((9, 3))
-    )
+    four, rows = ["counter", "tip/x", "tip/y", "tip/z"], np.zeros((9, 3))
+    np.savez(tmp_path / "column.npz", schema=SCHEMA, names=["counter"], rows=rows[:, :1])
+    np.savez(tmp_path / "shape.npz", schema=SCHEMA, names=four, rows=rows)
+    np.savez(tmp_path / "schema.npz", schema="truth_log/2", names=four, rows=np.zeros((9, 4)))
     truth = [str(bag), "--truth"]
     no_zero = [str(write_bag(run_columns(20), name="nozero")), "--truth"]
     for arguments, text, code in (
@@ -273,7 +275,8 @@ def test_bad_input_is_one_line(tmp_path, bag, write_bag, run_columns, capsys) ->
         ([str(write_bag(one_joint, name="one"))], "expected positions of tilt", 2),
         ([*truth, str(tmp_path / "nowhere.npz")], "No such file", 2),
         ([*truth, str(tmp_path / "no.npz")], "expected the rig's .npz side file", 2),
-        ([*truth, str(tmp_path / "other.npz")], "expected arrays names and rows", 2),
+        ([*truth, str(tmp_path / "other.npz")], "expected arrays schema, names and rows", 2),
+        ([*truth, str(tmp_path / "schema.npz")], f"expected schema {SCHEMA}, found 'truth", 2),
         ([*truth, str(tmp_path / "shape.npz")], "expected rows of 4 columns", 2),
         ([*truth, str(tmp_path / "column.npz")], "expected a column tip/x, found counter", 2),
         ([*truth, str(tmp_path / "late.npz")], "no sample of this file", 2),

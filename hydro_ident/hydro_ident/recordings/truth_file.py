@@ -16,6 +16,8 @@ from hydro_ident.bag.reader import Bag
 from hydro_ident.bag.recording import Recording
 from hydro_ident.errors import BagError
 
+#: What the rig writes into its file (`hydro_hw_bridge.rig.truth_log`).
+SCHEMA = "hydro_hw_bridge/truth_log/1"
 ZERO_STAMP_KEY = "sample_zero_stamp_ns"
 _COLUMNS = ("counter", "tip/x", "tip/y", "tip/z")
 
@@ -26,7 +28,8 @@ def true_tip_m(path: Path, bag: Bag, recording: Recording) -> NDArray[np.float64
     Parameters
     ----------
     path : Path
-        `.npz` with `names` (k,) and `rows` (K, k): columns `counter`, `tip/x`, `tip/y`, `tip/z`.
+        `.npz` with `schema`, `names` (k,) and `rows` (K, k): columns `counter`, `tip/x`, `tip/y`,
+        `tip/z`.
     bag : Bag
         The recording's bag, with its diagnostics.
     recording : Recording
@@ -39,7 +42,8 @@ def true_tip_m(path: Path, bag: Bag, recording: Recording) -> NDArray[np.float64
     Raises
     ------
     BagError
-        Unreadable file, no stamp of sample 0 in the bag, or no cycle in common.
+        Unreadable file or one of another schema, no stamp of sample 0 in the bag, or no cycle in
+        common.
     """
     counter, tip_m = _read(path)
     period_ns = round(1e9 / recording.robot.sensors.rate_hz)
@@ -58,13 +62,18 @@ def _read(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Sample counters (K,) and true tips (K, 3)."""
     try:
         with np.load(path, allow_pickle=False) as data:
+            schema = str(data["schema"])
             names = [str(name) for name in data["names"]]
             rows = np.asarray(data["rows"], dtype=np.float64)
     except KeyError as error:
-        raise BagError(f"{path}: expected arrays names and rows: {error.args[0]}") from error
+        raise BagError(
+            f"{path}: expected arrays schema, names and rows: {error.args[0]}"
+        ) from error
     except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
         why = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise BagError(f"{path}: expected the rig's .npz side file: {why}") from error
+    if schema != SCHEMA:
+        raise BagError(f"{path}: expected schema {SCHEMA}, found '{schema}'")
     absent = [name for name in _COLUMNS if name not in names]
     if absent:
         raise BagError(f"{path}: expected a column {absent[0]}, found {', '.join(names)}")
