@@ -46,7 +46,8 @@ def test_a_whole_run_is_read_bit_by_bit(write_bag, run_columns, robot) -> None:
     assert r.losses == r.gaps == r.notes == ()
     assert r.duplicates == {}
     assert r.stroke is r.effort is r.temperature_c is None
-    assert r.segments == r.usable_segments(valves=True) == (slice(0, N),)
+    assert r.segments == (slice(0, N),)
+    assert not r.latched.any()
 
 
 def test_columns_follow_the_robot_whatever_the_order_in_the_bag(
@@ -90,8 +91,8 @@ def test_optional_topics_are_nan_where_they_have_no_sample(write_bag, run_column
     assert np.isnan(r.valve_v[:50]).all()
     assert np.isfinite(r.valve_v[50:]).all()
     assert np.isnan(r.tip_ref[:70]).all()
-    assert r.usable_segments() == (slice(0, N),)
-    assert r.usable_segments(valves=True) == (slice(50, N),)
+    assert np.isfinite(r.tip_ref[70:]).all()
+    assert r.segments == (slice(0, N),)
 
 
 def test_repeated_stamps_are_dropped_and_counted(write_bag, run_columns, robot) -> None:
@@ -219,7 +220,6 @@ def test_one_chamber_costs_the_joints_force_and_that_flow(write_bag, run_columns
     assert r.p_b is not None
     assert np.isnan(r.p_b[:, 0]).all()
     assert np.isfinite(r.p_b[:, 1]).all()
-    assert r.usable_segments() == (slice(0, 20),)
 
 
 def test_constants_of_the_robot_file_stand_in(write_bag, run_columns, robot) -> None:
@@ -319,7 +319,7 @@ def test_topics_that_share_no_stamp_are_an_error(tmp_path, robot) -> None:
         read_recording(tmp_path / "bag", robot)
 
 
-def test_latched_spans_are_left_out(write_bag, run_columns, robot) -> None:
+def test_latched_spans_are_told(write_bag, run_columns, robot) -> None:
     columns = run_columns(N)
     volts = columns["/valve_state"][1]["effort"]
     volts = np.where(volts == 0.0, 0.1, volts)
@@ -329,7 +329,6 @@ def test_latched_spans_are_left_out(write_bag, run_columns, robot) -> None:
     columns["/valve_state"] = (robot.valve_names, {"effort": applied})
     r = read_recording(write_bag(columns), robot)
     np.testing.assert_array_equal(np.flatnonzero(r.latched), np.arange(120, 160))
-    assert r.usable_segments(valves=True) == (slice(0, 120), slice(160, N))
 
 
 def test_a_valve_that_the_state_does_not_tell_has_its_command(

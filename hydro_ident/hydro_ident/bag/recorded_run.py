@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from hydro_ident.bag.channels import Loss
 from hydro_ident.bag.gaps import Gap, contiguous
-from hydro_ident.bag.grid import runs
 from hydro_ident.bag.turns import Turns
 from hydro_ident.bag.valve_columns import ValveRates
 from hydro_model.robot import Robot
@@ -167,30 +166,3 @@ class Recording:
     def segments(self) -> tuple[slice, ...]:
         """Contiguous stretches of cycles, none missing in between."""
         return contiguous(self.stamp_ns, self.period_s)
-
-    def usable_segments(self, *, valves: bool = False, shortest: int = 2) -> tuple[slice, ...]:
-        """Contiguous stretches in which the recorded columns are finite and nothing is latched.
-
-        Parameters
-        ----------
-        valves : bool
-            Ask for a valve voltage in every cycle, too.
-        shortest : int
-            Shortest stretch in cycles.
-
-        Returns
-        -------
-        tuple of slice
-        """
-        needed = [self.q, self.p_a, self.p_b, *((self.valve_v,) if valves else ())]
-        usable = ~self.latched
-        for values in needed:
-            if values is not None:
-                recorded = ~np.isnan(values).all(axis=0)
-                usable &= np.isfinite(values[:, recorded]).all(axis=1)
-        pieces = (
-            slice(segment.start + begin, segment.start + end)
-            for segment in self.segments
-            for begin, end in runs(usable[segment])
-        )
-        return tuple(s for s in pieces if s.stop - s.start >= shortest)

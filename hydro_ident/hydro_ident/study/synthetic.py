@@ -6,7 +6,7 @@ references through the valves, so that encoder noise gets into the motion as on 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -169,28 +169,3 @@ def _readings(
     slow = noise.force_n * lfilter([1.0], [1.0, -noise.phi], white, axis=0)[1000:]
     areas = np.array([c.area_a_m2 for c in robot.cylinders])
     return [p + noise.pressure_pa * rng.normal(size=p.shape) for p in (p_a + slow / areas, p_b)]
-
-
-def with_outliers(recording: Recording, seed: int, share: float, dropouts: int) -> Recording:
-    """A recording whose pressures and angles spike, and whose pressures drop out now and then.
-
-    Parameters
-    ----------
-    recording : Recording
-    seed : int
-    share : float
-        Of the samples of every sensor that spike: pressures by 2 MPa, angles by 0.02 rad.
-    dropouts : int
-        Stretches of 50 ms in which a chamber's pressure reads 0 Pa absolute.
-    """
-    rng = np.random.default_rng(seed)
-    columns = {}
-    for name, size in (("q", 0.02), ("p_a", 2.0e6), ("p_b", 2.0e6)):
-        values = getattr(recording, name).copy()
-        hit = rng.random(values.shape) < share
-        columns[name] = values + hit * size * rng.choice((0.5, 1.0, -1.5), values.shape)
-    for _ in range(dropouts):
-        name, column = rng.choice(["p_a", "p_b"]), rng.integers(columns["p_a"].shape[1])
-        begin = int(rng.integers(500, len(recording) - 500))
-        columns[name][begin : begin + 25, column] = -recording.robot.atmospheric_pressure_pa
-    return replace(recording, **columns)

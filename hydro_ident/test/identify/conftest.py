@@ -7,8 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from hydro_ident.bag.recording import Recording
 from hydro_ident.identify.identification import Identification, identify
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
@@ -61,3 +63,27 @@ def found(clean: Any) -> Identification:
 @pytest.fixture
 def bag(clean: Any, write_bag: Callable[..., Path]) -> Path:
     return write_bag(clean.columns(), name="excitation")
+
+
+@pytest.fixture(scope="session")
+def with_outliers() -> Callable[..., Recording]:
+    """Makes pressures and angles of a recording spike, and pressures drop out now and then.
+
+    `share` of the samples of every sensor spike: pressures by 2 MPa, angles by 0.02 rad. In each
+    of the `dropouts`, stretches of 50 ms, a chamber's pressure reads 0 Pa absolute.
+    """
+
+    def make(recording: Recording, seed: int, share: float, dropouts: int) -> Recording:
+        rng = np.random.default_rng(seed)
+        columns = {}
+        for name, size in (("q", 0.02), ("p_a", 2.0e6), ("p_b", 2.0e6)):
+            values = getattr(recording, name).copy()
+            hit = rng.random(values.shape) < share
+            columns[name] = values + hit * size * rng.choice((0.5, 1.0, -1.5), values.shape)
+        for _ in range(dropouts):
+            name, column = rng.choice(["p_a", "p_b"]), rng.integers(columns["p_a"].shape[1])
+            begin = int(rng.integers(500, len(recording) - 500))
+            columns[name][begin : begin + 25, column] = -recording.robot.atmospheric_pressure_pa
+        return replace(recording, **columns)
+
+    return make

@@ -15,7 +15,7 @@ from hydro_ident.estimate.signals.watched import SPIKE_SIGMAS, watched_sensors
 from hydro_ident.identify.estimator_choice import SPIKE_SHARE, worst_sensor
 from hydro_ident.identify.identification import identify
 from hydro_ident.recordings.cleaning import Cleaner, without_outliers
-from hydro_ident.study.synthetic import synthetic_recording, with_outliers
+from hydro_ident.study.synthetic import synthetic_recording
 from hydro_model.robot import Robot
 
 #: rad, of an encoder of 20 bits.
@@ -52,7 +52,7 @@ def test_a_missing_row_or_cycle_leaves_the_others_clean() -> None:
     assert np.nanmax(np.abs((cleaned - wave - step)[~bad])) < 6e-3
 
 
-def test_a_lost_row_and_a_gap_do_not_stop_the_cleaner(robot: Robot) -> None:
+def test_a_lost_row_and_a_gap_do_not_stop_the_cleaner(robot: Robot, with_outliers) -> None:
     bad = with_outliers(synthetic_recording(robot, 30.0, 1), 5, share=0.01, dropouts=0)
     q, stamps = bad.q.copy(), bad.stamp_ns.copy()
     q[5000] = np.nan
@@ -224,7 +224,9 @@ def test_lone_spikes_in_a_ringing_arm_are_found_and_filled_in(
     assert np.median(np.abs(cleaned - good)[bad_at]) < 0.1e-3
 
 
-def test_a_sensor_of_which_much_stands_out_is_left_as_it_is_and_said(robot: Robot) -> None:
+def test_a_sensor_of_which_much_stands_out_is_left_as_it_is_and_said(
+    robot: Robot, with_outliers
+) -> None:
     recording = with_outliers(synthetic_recording(robot, 30.0, 1), 5, share=0.01, dropouts=0)
     q = recording.q.copy()
     at = np.random.default_rng(2).random(len(q)) < 0.07

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.identify.identification import Identification, Settings, identify
-from hydro_ident.study.synthetic import Noise, synthetic_recording, with_outliers
+from hydro_ident.study.synthetic import Noise, synthetic_recording
 from hydro_model.multibody.base_parameters import base_map
 from hydro_model.robot import Robot
 
@@ -65,7 +65,7 @@ def test_auto_turns_to_instruments_where_encoders_are_bad(robot: Robot) -> None:
 
 
 @pytest.mark.thorough
-def test_auto_turns_robust_where_samples_stand_out(robot: Robot) -> None:
+def test_auto_turns_robust_where_samples_stand_out(robot: Robot, with_outliers) -> None:
     good = synthetic_recording(robot, 20.0, 1)
     bad = with_outliers(good, 5, share=0.02, dropouts=6)
     auto = identify(robot, [bad])
@@ -83,7 +83,9 @@ def test_auto_turns_robust_where_samples_stand_out(robot: Robot) -> None:
 
 
 @pytest.mark.thorough
-def test_outliers_of_a_recording_that_validates_are_no_error_of_the_model(robot: Robot) -> None:
+def test_outliers_of_a_recording_that_validates_are_no_error_of_the_model(
+    robot: Robot, with_outliers
+) -> None:
     good = synthetic_recording(robot, 20.0, 1)
     other = synthetic_recording(robot, 20.0, 2)
     bad = replace(with_outliers(other, 6, share=0.02, dropouts=6), path=other.path / "check")

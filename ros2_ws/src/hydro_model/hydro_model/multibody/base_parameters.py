@@ -178,36 +178,6 @@ def base_map(robot: Robot, tolerance: float = 1.0e-12, *, payload: bool = False)
     return BaseMap(tuple(names[k] for k in leading), leading, combination, names, of_links)
 
 
-def payload_map(robot: Robot, tolerance: float = 1.0e-12) -> tuple[BaseMap, FloatArray]:
-    """What of a payload two recordings tell, one with it and one without.
-
-    Parameters
-    ----------
-    robot : Robot
-    tolerance : float
-
-    Returns
-    -------
-    BaseMap
-        Identifiable combinations of `PAYLOAD_NAMES`.
-    (p, r) array
-        E: the base parameters of `base_map` with the payload less those without are E times
-        the r identifiable combinations.
-    """
-    effect = payload_effect(robot, base_map(robot, tolerance).combination)
-    scale = _length(robot) ** _LENGTH_POWER
-    rows = effect * scale
-    sizes = np.linalg.norm(rows, axis=1, keepdims=True)
-    basis = _null_space(rows / np.where(sizes > 0.0, sizes, 1.0), 1e-10)
-    given, weights = _bounded(basis * scale[:, None], _eliminated(basis))
-    leading = np.setdiff1d(np.arange(_SIZE), given)
-    combination = np.zeros((leading.size, _SIZE))
-    combination[np.arange(leading.size), leading] = 1.0
-    combination[:, given] = weights
-    names = tuple(PAYLOAD_NAMES[k] for k in leading)
-    return BaseMap(names, leading, combination, PAYLOAD_NAMES, 0), effect[:, leading]
-
-
 def _links_map(robot: Robot, tolerance: float) -> tuple[NDArray[np.intp], FloatArray]:
     """Leading columns and K of the links alone."""
     length = _length(robot)
