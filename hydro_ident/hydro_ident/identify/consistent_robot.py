@@ -17,6 +17,7 @@ from hydro_ident.estimate.bodies.physical import (
     told_distance,
 )
 from hydro_ident.estimate.forces.bounds import DEVIATIONS
+from hydro_model.multibody.base_parameters import longest_link_m
 from hydro_model.multibody.spatial import central_inertia
 from hydro_model.robot import (
     PART_PARAMETERS,
@@ -61,7 +62,7 @@ def physical_result(identified: Robot, given: Robot) -> PhysicalResult:
     PhysicalResult
     """
     try:
-        found = physical_parameters(*_problem(identified, given), _length(given))
+        found = physical_parameters(*_problem(identified, given), longest_link_m(given))
     except (IdentError, np.linalg.LinAlgError) as error:
         text = f"physically consistent parameters were not found: {error}"
         return PhysicalResult(None, (text,), ())
@@ -123,11 +124,6 @@ def _by_noise(count: int) -> float:
 def _known(found: PhysicalParameters) -> bool:
     """Whether distances are in standard deviations."""
     return all(np.isfinite(problem.standard_deviations) for problem in found.problems)
-
-
-def _length(robot: Robot) -> float:
-    links = [float(np.linalg.norm(joint.translation_m)) for joint in robot.joints]
-    return max([*links, float(np.linalg.norm(robot.tip_offset_m))]) or 1.0
 
 
 def _problem(identified: Robot, given: Robot) -> tuple[list[str], FloatArray, BaseEstimate]:

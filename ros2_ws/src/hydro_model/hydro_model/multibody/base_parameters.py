@@ -180,7 +180,7 @@ def base_map(robot: Robot, tolerance: float = 1.0e-12, *, payload: bool = False)
 
 def _links_map(robot: Robot, tolerance: float) -> tuple[NDArray[np.intp], FloatArray]:
     """Leading columns and K of the links alone."""
-    length = _length(robot)
+    length = longest_link_m(robot)
     transfers = _transfers(robot, length, tolerance)
     scale = np.tile(length**_LENGTH_POWER, robot.dof)
     blocks = _null_basis(robot, transfers, length) * scale[:, None]
@@ -193,8 +193,15 @@ def _links_map(robot: Robot, tolerance: float) -> tuple[NDArray[np.intp], FloatA
     return leading, combination
 
 
-def _length(robot: Robot) -> float:
-    """The unit of length in which the subspaces are computed: the longest link."""
+def longest_link_m(robot: Robot) -> float:
+    """The longest link, m: a unit of length in which inertial parameters are of one size.
+
+    1 m where no link has a length.
+
+    Parameters
+    ----------
+    robot : Robot
+    """
     links = [float(np.linalg.norm(joint.translation_m)) for joint in robot.joints]
     return max([*links, float(np.linalg.norm(robot.tip_offset_m))]) or 1.0
 
