@@ -9,6 +9,18 @@ from collections.abc import Sequence
 #: Pressure drop over one edge at which a valve's flow is told, Pa: half of the 70 bar over both
 #: edges at which datasheets of servo valves state it.
 EDGE_DROP_PA = 35e5
+#: Pa and m in one of the units in which numbers are given.
+PRESSURES_PA = {
+    "Pa": 1.0,
+    "kPa": 1e3,
+    "MPa": 1e6,
+    "bar": 1e5,
+    "psi": 6894.757293168361,
+    "mbar": 1e2,
+    "atm": 101325.0,
+    "kgf/cm2": 98066.5,
+}
+LENGTHS_M = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 #: l/min in one m^3/s.
 L_MIN = 6e4
 EDGE_UNIT = "m^3/(s sqrt(Pa))"

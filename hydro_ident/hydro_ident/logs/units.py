@@ -10,6 +10,7 @@ import math
 import re
 from dataclasses import dataclass
 
+from hydro_ident.everyday_units import LENGTHS_M, PRESSURES_PA
 from hydro_ident.logs.elsewhere import COMMANDED_WORDS, REFERENCE_WORDS
 from hydro_ident.logs.words import (
     CHAMBER_A,
@@ -25,28 +26,18 @@ from hydro_ident.logs.words import (
 )
 
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3, "gon": math.pi / 200.0}
-_LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 _TORQUES = {"N m": 1.0, "kN m": 1e3}
 _FORCES = {"N": 1.0, "kN": 1e3}
 #: Units of the mapping by quantity: factor to SI; the first is the default. Of a joint of which
 #: nobody knows whether it turns, `position` and `effort`.
 UNITS: dict[str, dict[str, float]] = {
-    "position": {**_ANGLES, **_LENGTHS},
+    "position": {**_ANGLES, **LENGTHS_M},
     "angle": _ANGLES,
-    "length": _LENGTHS,
+    "length": LENGTHS_M,
     "effort": {**_TORQUES, **_FORCES},
     "torque": _TORQUES,
     "force": _FORCES,
-    "pressure": {
-        "Pa": 1.0,
-        "kPa": 1e3,
-        "MPa": 1e6,
-        "bar": 1e5,
-        "psi": 6894.757293168361,
-        "mbar": 1e2,
-        "atm": 101325.0,
-        "kgf/cm2": 98066.5,
-    },
+    "pressure": PRESSURES_PA,
     "voltage": {"V": 1.0, "mV": 1e-3},
     "ratio": {"1": 1.0, "%": 1e-2},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from hydro_ident.everyday_units import EDGE_DROP_PA, L_MIN
+from hydro_ident.everyday_units import EDGE_DROP_PA, L_MIN, LENGTHS_M, PRESSURES_PA
 from hydro_ident.robots.robot_ranges import CylinderRange
 from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
 
@@ -30,8 +30,11 @@ _FLOWS, _USUAL_FLOWS = (0.5, 2000.0), (1.0, 1000.0)
 #: A full stroke at full opening and the whole supply over one edge, s.
 _STROKE_S = (0.05, 120.0)
 
-_LENGTHS = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254}
-_PRESSURES = {"Pa": 1e-5, "kPa": 1e-2, "MPa": 10.0, "bar": 1.0, "psi": 0.06894757}
+#: Units that may have been meant, in m and in bar.
+_LENGTHS = {"mm": LENGTHS_M["mm"], "cm": LENGTHS_M["cm"], "inches": 0.0254}
+_PRESSURES = {
+    unit: PRESSURES_PA[unit] / PRESSURES_PA["bar"] for unit in ("Pa", "kPa", "MPa", "bar", "psi")
+}
 #: What a valve's numbers may have been taken for, and by how much its flow is then too small.
 _VALVE_MISTAKES = {
     "a drop in Pa taken for bar": np.sqrt(1e5),
