@@ -21,10 +21,7 @@ from hydro_ident.estimate.effects.held_effects import (
     moving_signals,
 )
 from hydro_ident.estimate.effects.listed_laws import (
-    COMPLIANCE,
-    FLOW,
     NULL_BIAS,
-    VOLUME,
     acting,
     bends_edges,
     fits,
@@ -42,7 +39,7 @@ from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import Trace, last_known
 from hydro_model.effects import with_changes
 from hydro_model.effects.catalogue import ActiveEffect, resolve, target_name
-from hydro_model.effects.effect import Stage
+from hydro_model.effects.law import COMPLIANCE, FLOW, VOLUME, Stage
 from hydro_model.effects.signals import (
     PISTON_VELOCITY,
     PRESSURE_A,

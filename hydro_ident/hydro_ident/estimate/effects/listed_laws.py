@@ -6,16 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hydro_model.effects.compiled import signals_read
-from hydro_model.effects.effect import Stage
+from hydro_model.effects.law import COMPLIANCE, FLOW, VOLUME, Stage
 from hydro_model.effects.signals import SIGNAL_COUNT
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
 #: The one law on the valve signal that is fitted, by Gauss-Newton steps.
 NULL_BIAS = "valve_null_bias.bias"
-FLOW = {"a": Stage.FLOW_A, "b": Stage.FLOW_B}
-VOLUME = {"a": Stage.VOLUME_A, "b": Stage.VOLUME_B}
-COMPLIANCE = {"a": Stage.COMPLIANCE_A, "b": Stage.COMPLIANCE_B}
 
 
 def is_dead(one: ActiveEffect) -> bool:

@@ -9,11 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hydro_model.effects.catalogue import CATALOGUE
-from hydro_model.effects.law import Stage
+from hydro_model.effects.law import FLOW
 from hydro_model.effects.targets import ActiveEffect
 
-#: Stage of a chamber's flow laws.
-FLOW = {"a": Stage.FLOW_A, "b": Stage.FLOW_B}
 _ORDER = {name: k for k, name in enumerate(CATALOGUE)}
 
 

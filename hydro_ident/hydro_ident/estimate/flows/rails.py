@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.flows.in_series import FLOW, valve_laws
+from hydro_ident.estimate.flows.in_series import valve_laws
 from hydro_ident.estimate.flows.rail_kernels import (
     FlowLaws,
     Instant,
@@ -19,7 +19,7 @@ from hydro_ident.estimate.flows.rail_kernels import (
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_model.effects.compiled import law_address, signals_read
 from hydro_model.effects.effect import Stage
-from hydro_model.effects.law import ROBOT_STAGES, InternalState, Term
+from hydro_model.effects.law import FLOW, ROBOT_STAGES, InternalState, Term
 from hydro_model.effects.rows import constant_signals
 from hydro_model.effects.signals import (
     PISTON_POSITION,

@@ -17,7 +17,7 @@ import numpy as np
 
 from hydro_ident.estimate.effects.listed_laws import middle
 from hydro_ident.estimate.flows.chambers import Chamber, edge_integrals
-from hydro_ident.estimate.flows.in_series import FLOW, before, valve_laws
+from hydro_ident.estimate.flows.in_series import before, valve_laws
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.mismatch.rows.flow_laws import held_flows, looks_at_valve
 from hydro_ident.mismatch.rows.force_rows import forces_of, measured
@@ -25,15 +25,13 @@ from hydro_ident.mismatch.rows.material import Place, Stretch, pressure_of
 from hydro_ident.mismatch.rows.modelled import Model, gives_way, reading_key, same, shapes
 from hydro_ident.mismatch.rows.shaping import Signals
 from hydro_model.effects.catalogue import acting_share
-from hydro_model.effects.effect import Stage
+from hydro_model.effects.law import COMPLIANCE, FLOW, VOLUME, Stage
 from hydro_model.effects.signals import LEVER
 from hydro_model.effects.targets import ActiveEffect, joint_of, parts
 from hydro_model.hydraulics.cylinder import chamber_volumes
 from hydro_model.robot import FloatArray, Robot
 
-_VOLUME = {"a": Stage.VOLUME_A, "b": Stage.VOLUME_B}
-_COMPLIANCE = {"a": Stage.COMPLIANCE_A, "b": Stage.COMPLIANCE_B}
-_BALANCE = {*FLOW.values(), *_VOLUME.values(), *_COMPLIANCE.values()}
+_BALANCE = {*FLOW.values(), *VOLUME.values(), *COMPLIANCE.values()}
 
 
 def contribution(signals: Signals, model: Model, one: ActiveEffect) -> FloatArray:
@@ -203,8 +201,8 @@ def _add_balance(signals: Signals, model: Model, one: ActiveEffect, into: FloatA
             steps = _flow_steps(signals, model, one, stretch, chamber)
         for stages, others, weight in (
             # A volume is as soft, and what is soft as large, as the other effects make them.
-            (_VOLUME, _COMPLIANCE, inverse),
-            (_COMPLIANCE, _VOLUME, volume),
+            (VOLUME, COMPLIANCE, inverse),
+            (COMPLIANCE, VOLUME, volume),
         ):
             stage = stages[chamber.side]
             if stage in one.effect.stages:
@@ -240,7 +238,7 @@ def said_twice(signals: Signals, model: Model) -> FloatArray:
     material = signals.material
     result = np.zeros(material.size)
     stages = {stage for term in model.terms for stage in term.effect.stages}
-    if not all(stages.intersection(both.values()) for both in (_VOLUME, _COMPLIANCE)):
+    if not all(stages.intersection(both.values()) for both in (VOLUME, COMPLIANCE)):
         return result
     for place in material.places:
         if material.is_flow(place.channel):
@@ -249,7 +247,7 @@ def said_twice(signals: Signals, model: Model) -> FloatArray:
                 material.chambers[index],
                 signals.readings.stretches(model)[place.stretch],
             )
-            both = [_laws(signals, model, stretch, chamber, s) for s in (_VOLUME, _COMPLIANCE)]
+            both = [_laws(signals, model, stretch, chamber, s) for s in (VOLUME, COMPLIANCE)]
             rise = -np.diff(pressure_of(chamber, stretch.trace))
             steps = middle(both[0] * both[1]) * rise
             result[place.rows] = material.windowed(stretch, index, steps)

@@ -16,9 +16,9 @@ from functools import cached_property
 import numpy as np
 
 from hydro_ident.estimate.flows.chambers import held_parts
-from hydro_ident.estimate.flows.in_series import FLOW
 from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_model.effects.compiled import signals_read
+from hydro_model.effects.law import FLOW
 from hydro_model.effects.rows import set_valve_signal
 from hydro_model.effects.signals import VALVE_FLOW_A, VALVE_FLOW_B, VALVE_SIGNAL
 from hydro_model.effects.targets import ActiveEffect

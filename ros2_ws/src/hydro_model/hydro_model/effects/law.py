@@ -42,6 +42,10 @@ class Stage(Enum):
     TANK = "tank"  # Pa, added to the tank pressure of the whole robot
 
 
+#: Stages of a chamber's balance, by its side.
+FLOW = {"a": Stage.FLOW_A, "b": Stage.FLOW_B}
+VOLUME = {"a": Stage.VOLUME_A, "b": Stage.VOLUME_B}
+COMPLIANCE = {"a": Stage.COMPLIANCE_A, "b": Stage.COMPLIANCE_B}
 #: Stages of laws that act once for the robot, not once per cylinder.
 ROBOT_STAGES = frozenset({Stage.SUPPLY, Stage.TANK})
 

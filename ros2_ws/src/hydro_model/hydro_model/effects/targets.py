@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hydro_model.effects.effect import Effect
-from hydro_model.effects.law import Stage, Term
+from hydro_model.effects.law import COMPLIANCE, FLOW, VOLUME, Term
 from hydro_model.effects.units import effect_units
 from hydro_model.errors import RobotError
 from hydro_model.robot import FloatArray, Robot
 
 #: Stages that belong to one chamber.
 CHAMBER_STAGES = {
-    "a": frozenset({Stage.FLOW_A, Stage.VOLUME_A, Stage.COMPLIANCE_A}),
-    "b": frozenset({Stage.FLOW_B, Stage.VOLUME_B, Stage.COMPLIANCE_B}),
+    side: frozenset({FLOW[side], VOLUME[side], COMPLIANCE[side]}) for side in ("a", "b")
 }
 
 
