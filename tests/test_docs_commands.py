@@ -327,10 +327,40 @@ def test_every_command_takes_json(package: str, name: str) -> None:
     assert "--json F" in help_of(package, name)
 
 
+def studies() -> list[str]:
+    """Modules of studies and benches that take arguments of their own."""
+    home = PACKAGES["hydro_ident"] / "hydro_ident"
+    files = [path for part in ("study", "bench") for path in sorted((home / part).rglob("*.py"))]
+    texts = {path: path.read_text(encoding="utf-8") for path in files}
+    modules = [
+        ".".join(path.relative_to(home.parent).with_suffix("").parts)
+        for path, text in texts.items()
+        if "Parser(" in text and ("__main__" in text or path.stem == "__main__")
+    ]
+    return [name.removesuffix(".__main__") for name in modules]
+
+
 @pytest.mark.parametrize(("package", "name"), sorted(executables()))
 def test_every_executable_has_help_and_says_what_its_arguments_are(
     package: str, name: str
 ) -> None:
+    check_helps(entry(package, name), name)
+
+
+@pytest.mark.parametrize("name", studies())
+@pytest.mark.filterwarnings("ignore:.*found in sys.modules:RuntimeWarning")
+def test_every_study_has_help_and_says_what_its_arguments_are(name: str) -> None:
+    check_helps(lambda: runpy.run_module(name, run_name="__main__"), name)
+
+
+def test_studies_are_found() -> None:
+    """Modules, packages that run, and benches."""
+    found = {f"hydro_ident.{name}" for name in ("study.kills", "study.faults", "bench.soak")}
+    assert found <= set(studies())
+
+
+def check_helps(run: Callable[[], Any], name: str) -> None:
+    """A command's help is there, and says something of every argument, choices or not."""
     parsers: list[argparse.ArgumentParser] = []
     made = argparse.ArgumentParser.__init__
 
@@ -340,8 +370,10 @@ def test_every_executable_has_help_and_says_what_its_arguments_are(
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(argparse.ArgumentParser, "__init__", keep)
-        said = run_parser(entry(package, name), name, ["--help"])
+        said = run_parser(run, name, ["--help"])
     assert said.startswith("usage:")
     for parser in parsers:
-        silent = [a.dest for a in parser._actions if not a.help and not a.choices]
+        # Commands of a command have a help text each, and that is where their choice is told.
+        told = [a for a in parser._actions if not isinstance(a, argparse._SubParsersAction)]
+        silent = [a.dest for a in told if not a.help]
         assert not silent, f"{name}: no help for {', '.join(silent)}"

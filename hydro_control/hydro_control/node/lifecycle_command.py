@@ -114,7 +114,11 @@ def _parser() -> argparse.ArgumentParser:
         description="Change or read the state of a lifecycle node, or clear the trip of a bridge"
         " once its cause is gone.",
     )
-    parser.add_argument("transition", choices=(*_TRANSITIONS, "get", CLEAR_TRIP))
+    parser.add_argument(
+        "transition",
+        choices=(*_TRANSITIONS, "get", CLEAR_TRIP),
+        help="change of the node's state, or what is asked of it",
+    )
     parser.add_argument("node", metavar="NODE", help="name of the node, such as controller")
     parser.add_argument(
         "--timeout", type=seconds, default=10.0, metavar="S", help="seconds to wait (default 10)"

@@ -174,8 +174,15 @@ def _row(seed: int, model: str, kinds: tuple[str, ...], o: Outcome) -> str:
 
 def _run(arguments: Sequence[str]) -> int:
     parser = Parser(prog="adaptation", description=__doc__)
-    parser.add_argument("--seeds", type=int, nargs="+", default=list(DEFAULT_SEEDS))
-    parser.add_argument("--models", nargs="+", default=["exact", "nominal_35bar"])
+    parser.add_argument(
+        "--seeds", type=int, nargs="+", default=list(DEFAULT_SEEDS), help="machines"
+    )
+    parser.add_argument(
+        "--models",
+        nargs="+",
+        default=["exact", "nominal_35bar"],
+        help="what the controller knows (default: %(default)s)",
+    )
     parser.add_argument("--payload", type=float, default=PAYLOAD_KG, help="kg (%(default)s)")
     parser.add_argument("--at", type=float, default=PICK_UP_S, help="s (%(default)s)")
     options = parser.parse_args(arguments)

@@ -189,7 +189,7 @@ def run(arguments: Sequence[str]) -> int:
     """Body of the command; returns its exit code."""
     p = Parser(prog="consistency", description="Consistent parameters of random machines.")
     p.add_argument("--count", type=int, default=20, help="machines per number of joints")
-    p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--seed", type=int, default=0, help="which machines (%(default)s)")
     options = p.parse_args(arguments)
     if options.count < 1:
         p.error(f"--count: expected 1 or more, found {options.count}")

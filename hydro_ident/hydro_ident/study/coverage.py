@@ -254,7 +254,7 @@ def table(found: Sequence[Coverage]) -> str:
 def _run(arguments: Sequence[str]) -> int:
     parser = Parser(prog="coverage", description=__doc__)
     parser.add_argument("--count", type=int, default=200, help="recordings per case")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=0, help="which recordings (%(default)s)")
     options = parser.parse_args(arguments)
     found = study(options.count, options.seed)
     shares = [c.covered for c in found]

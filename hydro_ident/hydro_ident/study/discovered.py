@@ -202,7 +202,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--plants", type=int, default=20, help="machines (%(default)s)")
     p.add_argument("--seed", type=int, required=True, help="which machines")
     p.add_argument("--jobs", type=int, default=1, help="processes (%(default)s)")
-    p.add_argument("--out", type=Path, required=True, metavar="FILE.json")
+    p.add_argument("--out", type=Path, required=True, metavar="FILE.json", help="figures")
     p.add_argument("--work", type=Path, help="folder of bags and models (default: beside --out)")
     p.add_argument("--no-ablation", action="store_true", help="leave the ablation out")
     return p

@@ -195,7 +195,9 @@ def _trace(robot: Robot, step_s: float, columns: Sequence[FloatArray]) -> Trace:
 def _run(arguments: Sequence[str]) -> int:
     parser = Parser(prog="excitation", description=__doc__)
     parser.add_argument("--duration", type=float, default=64.0, help="s")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of the design and of noise (%(default)s)"
+    )
     parser.add_argument("--truth", default="", help="drive the run on this truth of the rig too")
     options = parser.parse_args(arguments)
     robot, residual = load_robot("xs031"), Residual()

@@ -134,7 +134,9 @@ def score(robot: Robot, truths: Sequence[Truth], gains: Gains) -> Score:
 
 def _run(arguments: Sequence[str]) -> int:
     parser = Parser(prog="gain_choice", description=__doc__)
-    parser.add_argument("--seeds", type=int, nargs="+", default=list(DEFAULT_SEEDS))
+    parser.add_argument(
+        "--seeds", type=int, nargs="+", default=list(DEFAULT_SEEDS), help="machines"
+    )
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
     options = parser.parse_args(arguments)
     robot = load_robot("xs031")

@@ -276,8 +276,8 @@ def _parser() -> argparse.ArgumentParser:
         prog="kills",
         description="Kill recorders at random moments, at roll-overs and while closing.",
     )
-    parser.add_argument("--count", type=int, default=60)
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--count", type=int, default=60, help="kills (%(default)s)")
+    parser.add_argument("--seed", type=int, default=1, help="of moments (%(default)s)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="result, dated")
     parser.add_argument(
         "--root", type=Path, default=Path(), metavar="DIR", help="repository (default: here)"

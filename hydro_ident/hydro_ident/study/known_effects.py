@@ -118,7 +118,9 @@ def _without(robot: Robot, name: str) -> tuple[EffectSpec, ...]:
 
 def _run(arguments: Sequence[str]) -> int:
     parser = Parser(prog="known_effects", description=__doc__)
-    parser.add_argument("--seeds", type=int, nargs="+", default=list(DEFAULT_SEEDS))
+    parser.add_argument(
+        "--seeds", type=int, nargs="+", default=list(DEFAULT_SEEDS), help="machines"
+    )
     options = parser.parse_args(arguments)
     robot = load_robot("xs031")
     _gain_table(robot, options.seeds)

@@ -154,9 +154,11 @@ def measure(
 
 def _run(arguments: Sequence[str]) -> int:
     parser = Parser(prog="long_bag", description=__doc__)
-    parser.add_argument("--minutes", type=float, nargs="+", default=[10.0, 40.0, 160.0])
+    parser.add_argument(
+        "--minutes", type=float, nargs="+", default=[10.0, 40.0, 160.0], help="of the bags"
+    )
     parser.add_argument("--folder", type=Path, help="where the bags go for a while")
-    parser.add_argument("--command", choices=COMMANDS, default="identify")
+    parser.add_argument("--command", choices=COMMANDS, default="identify", help="what is measured")
     parser.add_argument("--repeat", type=Path, help=f"a bag of {ROBOT} at 500 Hz to repeat")
     options = parser.parse_args(arguments)
     recording = options.repeat and read_recording(options.repeat, load_robot(ROBOT))

@@ -184,7 +184,7 @@ def table(cases: Sequence[PressureCase]) -> str:
 def _run(arguments: Sequence[str]) -> int:
     parser = Parser(prog="pressure_coverage", description=__doc__)
     parser.add_argument("--count", type=int, default=40, help="recordings per case")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=0, help="which recordings (%(default)s)")
     options = parser.parse_args(arguments)
     found = []
     for pace in PACES:
