@@ -1,4 +1,8 @@
-"""The constants of the diagnosis, in one place. None is tuned on a single case."""
+"""The constants of the diagnosis that several of its parts share, or that decide what is claimed.
+
+Those of one part stand in its module, what `rows` choose by in `rows.choices`. None is tuned on a
+single case.
+"""
 
 from __future__ import annotations
 
