@@ -19,7 +19,7 @@ import numpy as np
 
 from hydro_ident.identify.survey import survey_source
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
-from hydro_ident.mismatch.fitting.fitting import fit, fit_term
+from hydro_ident.mismatch.fitting.fitting import ONE_STEP, fit, fit_term
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.fitting.whitening import Noise
 from hydro_ident.mismatch.naming.contest import CONTENDER_SHARE, CONTENDERS
@@ -164,7 +164,7 @@ def _added(training: Training, current: Fitted, starts: Sequence[Score]) -> Fitt
     terms = [s.entry.trial.at(s.coefficients) for s in starts]
     rough = [fit_term(training, without, term, noise, _ROUGH) for term in terms]
     best = min(rough, key=lambda one: one.squares)
-    return fit(training, fit(training, best.model, noise, _PASSES).model, passes=1)
+    return fit(training, fit(training, best.model, noise, _PASSES).model, passes=ONE_STEP)
 
 
 def _noise_without(training: Training, current: Fitted, best: Score) -> Noise:

@@ -21,7 +21,7 @@ from hydro_ident.mismatch.answer.outcome import Finding
 from hydro_ident.mismatch.answer.withdrawal import withdrawn
 from hydro_ident.mismatch.fitting.as_listed import LISTED_GAIN, relisted
 from hydro_ident.mismatch.fitting.fitted import Fitted
-from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.fitting.fitting import NEAR, ONE_STEP, fit
 from hydro_ident.mismatch.locating.dependence import Dependence
 from hydro_ident.mismatch.locating.precision import accuracy_of
 from hydro_ident.mismatch.naming.name import Search
@@ -139,7 +139,9 @@ def base_to_search(work: Residuals) -> Fitted:
     ----------
     work : Residuals
     """
-    return work.base if work.scan is work.training else fit(work.scan, work.base.model, passes=2)
+    return (
+        work.base if work.scan is work.training else fit(work.scan, work.base.model, passes=NEAR)
+    )
 
 
 def _answered(work: Residuals, base: Fitted, stage: int) -> Answer:
@@ -197,7 +199,7 @@ def _with_nearest(
     if not unknown:
         return unknown
     same = work.scan is work.training
-    here = whole if same else fit(work.scan, whole.model, passes=1)
+    here = whole if same else fit(work.scan, whole.model, passes=ONE_STEP)
     return with_nearest(work.scan, here, search.scanned, unknown)
 
 

@@ -10,7 +10,7 @@ from hydro_ident.mismatch.answer.contributing import acting_channels, without_th
 from hydro_ident.mismatch.answer.outcome import Finding
 from hydro_ident.mismatch.answer.spoilt import made_worse
 from hydro_ident.mismatch.fitting.fitted import Fitted
-from hydro_ident.mismatch.fitting.fitting import fit, settled
+from hydro_ident.mismatch.fitting.fitting import FROM_AFAR, NEAR, fit, settled
 from hydro_ident.mismatch.fitting.side_by_side import side_by_side
 from hydro_ident.mismatch.naming.contest import Contest
 from hydro_ident.mismatch.naming.name import Search, Searcher
@@ -75,7 +75,7 @@ def _told_anew(contest: Contest, work: Residuals, whole: Fitted, found: Finding)
     """
     if found.named.few <= 1.0:
         return found
-    current = whole if work.scan is work.training else fit(work.scan, whole.model, passes=2)
+    current = whole if work.scan is work.training else fit(work.scan, whole.model, passes=NEAR)
     _, fresh = Revision(contest).again(found.named, current)
     if fresh is None or not fresh.pays or not same(fresh.term, found.named.term):
         return found
@@ -87,7 +87,7 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
     whole, named = search.fitted, list(search.named)
     if work.scan is not work.training:
         model = replace(work.base.model, terms=search.fitted.model.terms)
-        whole = fit(work.training, model, passes=4)
+        whole = fit(work.training, model, passes=FROM_AFAR)
     rejected, due = list[Finding](), named
     while named:
         whole = from_one_delay(work.training, settled(work.training, whole))

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_ident.mismatch.fitting.fitted import Fitted
-from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.fitting.fitting import FROM_AFAR, fit
 from hydro_ident.mismatch.fitting.handover import late_valves
 from hydro_ident.mismatch.naming.named import Named
 from hydro_ident.mismatch.rows.base_columns import DELAY
@@ -43,7 +43,7 @@ def without_these(
     )
     # From the base's own numbers: what a wrong effect has driven the others to may be anything.
     model = replace(work.base.model, terms=(*kept, *instead))
-    return fit(work.training, model, passes=4)
+    return fit(work.training, model, passes=FROM_AFAR)
 
 
 def _is_of(named: Named, name: str, target: str) -> bool:

@@ -33,6 +33,15 @@ _HALVINGS, _SETTLED = 4, 1.0e-7
 _SHARES, _STUCK, _POOR = (1.0, 1.0e-2, 1.0e-3, 1.0e-4), 0.1, 0.1
 #: Share of what is left that one more step has to promise to be taken, and how many are.
 _PROMISED, _LONGEST = 1.0e-3, 12
+#: Passes of a fit that begins near its end: one effect is new or gone, or the rows are others. The
+#: second takes up what the first has bent; who needs more goes on with `settled`.
+NEAR = 2
+#: Of one that begins at the base's own numbers, with every effect at once: what they have in
+#: common is shared out anew, and numbers have far to go.
+FROM_AFAR = 4
+#: A single step: where the next one is taken under noise found anew or with other effects, or the
+#: residual is only looked at.
+ONE_STEP = 1
 #: Effects do little where without them no more is left than so many times what there is with them.
 _LITTLE = 2.0
 
@@ -164,7 +173,7 @@ def settled(training: Training, current: Fitted) -> Fitted:
         if _promised(training, current) <= _PROMISED:
             break
         # Under noise found anew: of what hardly shows, that of the fit before is of no size.
-        fresh = fit(training, current.model, passes=1)
+        fresh = fit(training, current.model, passes=ONE_STEP)
         if fresh.model is current.model:
             break
         current = fresh
@@ -172,7 +181,7 @@ def settled(training: Training, current: Fitted) -> Fitted:
 
 
 def fit_without(
-    training: Training, whole: Fitted, terms: Sequence[ActiveEffect], passes: int = 2
+    training: Training, whole: Fitted, terms: Sequence[ActiveEffect], passes: int = NEAR
 ) -> Fitted:
     """Refit a model without some of its effects, from a fit with them.
 

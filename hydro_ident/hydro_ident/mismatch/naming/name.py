@@ -10,7 +10,7 @@ import numpy as np
 
 from hydro_ident.mismatch.fitting.bench import Bench
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
-from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.fitting.fitting import NEAR, ONE_STEP, fit
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.fitting.whitening import Noise
 from hydro_ident.mismatch.naming.contenders import firsts
@@ -159,7 +159,7 @@ class Searcher:
                 impossible.append((found.term.effect.name, found.term.target, why))
                 continue
             each = self.contest.at_each(current, step.noise, found, step.scores)
-            fresh = fit(self.training, each.model, passes=2)
+            fresh = fit(self.training, each.model, passes=NEAR)
             terms = [one.term for one in each.named]
             if self._lost.of(current, fresh, terms):
                 # Once more it would come out the same, whatever channels its trial acts in.
@@ -251,8 +251,8 @@ class Searcher:
             if not self._worthy(current, noise, beside, found.term, gain):
                 return [], current
             named.append(found)
-            both = fit(self.training, beside, noise, 1)
-        return named, fit(self.training, both.model, passes=2)
+            both = fit(self.training, beside, noise, ONE_STEP)
+        return named, fit(self.training, both.model, passes=NEAR)
 
     def _worthy(
         self, current: Fitted, noise: Noise, both: Model, one: ActiveEffect, gain: float

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
-from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.fitting.fitting import NEAR, fit
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.naming.contest import PASSES, Contest
 from hydro_ident.mismatch.naming.lags import OF_VALVES, resolved
@@ -56,7 +56,7 @@ def as_one_delay(
         delay = _in_place(contest, lags, current)
         if delay is not None:
             result = [delay if n is lags[0] else n for n in result if n not in lags[1:]]
-            current, listed = fit(contest.training, delay.modelled.fitted.model, passes=2), True
+            current, listed = fit(contest.training, delay.modelled.fitted.model, passes=NEAR), True
     return result, current
 
 

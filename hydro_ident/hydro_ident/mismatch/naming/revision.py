@@ -8,7 +8,7 @@ import numpy as np
 
 from hydro_ident.mismatch.fitting.bench import Bench
 from hydro_ident.mismatch.fitting.fitted import Fitted
-from hydro_ident.mismatch.fitting.fitting import fit, fit_without
+from hydro_ident.mismatch.fitting.fitting import NEAR, fit, fit_without
 from hydro_ident.mismatch.naming.contenders import CLOSE_SHARE
 from hydro_ident.mismatch.naming.contest import Contest
 from hydro_ident.mismatch.naming.named import Named, named_of
@@ -62,7 +62,7 @@ class Revision:
                     current = without
                     continue
                 named[named.index(one)] = fresh
-                current = fit(self._training, fresh.modelled.fitted.model, passes=2)
+                current = fit(self._training, fresh.modelled.fitted.model, passes=NEAR)
                 reach[fresh] = self._reach(current, fresh)
                 if not same(fresh.term, one.term):
                     changed |= reach[one] | reach[fresh]

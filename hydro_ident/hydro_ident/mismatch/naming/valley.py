@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_ident.mismatch.fitting.fitted import Fitted
-from hydro_ident.mismatch.fitting.fitting import fit, settled
+from hydro_ident.mismatch.fitting.fitting import NEAR, fit, settled
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.naming.lags import lag_s
 from hydro_ident.mismatch.rows.prediction import Model
@@ -39,7 +39,7 @@ def from_one_delay(training: Training, current: Fitted) -> Fitted:
     fresh = begun_anew(training, current)
     if fresh is current:
         return current
-    return settled(training, fit(training, fresh.model, passes=2))
+    return settled(training, fit(training, fresh.model, passes=NEAR))
 
 
 def begun_anew(training: Training, current: Fitted) -> Fitted:

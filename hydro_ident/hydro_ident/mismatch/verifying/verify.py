@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.mismatch.fitting.fitted import Fitted
-from hydro_ident.mismatch.fitting.fitting import fit_without
+from hydro_ident.mismatch.fitting.fitting import NEAR, fit_without
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.fitting.whitening import Noise
 from hydro_ident.mismatch.naming.instants import at_own_instants
@@ -108,7 +108,7 @@ def verify(
     there: Fitted | None = None,
     tried: int = 1,
     shown: Sequence[str] = (),
-    passes: int = 2,
+    passes: int = NEAR,
 ) -> Verification:
     """Put one finding to the check.
 
