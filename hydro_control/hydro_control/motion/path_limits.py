@@ -14,13 +14,11 @@ from hydro_control.motion.posture import is_redundant
 from hydro_control.motion.required_motion import ACCELERATION_PER_VELOCITY_1_S
 from hydro_model.errors import RobotError
 from hydro_model.motion.paths import JointPath, TipPath
-from hydro_model.motion.paths_check import PathCheck, check_path
+from hydro_model.motion.paths_check import CHECK_STEP_S, PathCheck, check_path
 from hydro_model.motion.paths_joints import joints_at_tip
 from hydro_model.motion.row_pieces import always
 from hydro_model.robot import FloatArray, Robot
 
-#: Spacing of the check, s.
-CHECK_STEP_S = 0.02
 #: Joint positions this near are the same posture, rad or m: far more than what inverse kinematics
 #: misses by, far less than what tells two postures apart.
 _SAME_POSTURE = 1e-4

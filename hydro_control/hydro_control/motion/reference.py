@@ -12,7 +12,7 @@ import numpy as np
 from hydro_control.errors import ControlError, names_in_short
 from hydro_control.motion.approach import APPROACH_CHECKS, approach_to
 from hydro_control.motion.motion_limits import TIP_SPEED_M_S
-from hydro_control.motion.path_limits import CHECK_STEP_S, refuse_beyond
+from hydro_control.motion.path_limits import refuse_beyond
 from hydro_control.motion.posture import is_redundant, posture_at_tip
 from hydro_control.motion.required_motion import Reference
 from hydro_control.motion.some_joints import for_all_joints
@@ -20,6 +20,7 @@ from hydro_control.motion.stopping import Slowing
 from hydro_control.motion.trajectory import Waypoint, segments_through
 from hydro_model.errors import RobotError
 from hydro_model.motion.paths import JointPath, Path, TipPath
+from hydro_model.motion.paths_check import CHECK_STEP_S
 from hydro_model.motion.paths_joints import joints_at_tip
 from hydro_model.motion.paths_segments import Hold, Segment
 from hydro_model.motion.row_pieces import always

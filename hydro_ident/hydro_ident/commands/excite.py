@@ -193,10 +193,10 @@ def _text(robot: Robot, design: Design, file: Path) -> str:
 
 def _fastest_tip(robot: Robot, design: Design) -> float:
     from hydro_ident.design.limits import tip_speeds
-    from hydro_model.motion.paths_check import check_times
+    from hydro_model.motion.paths_check import CHECK_STEP_S, check_times
     from hydro_model.motion.paths_joints import joint_motion
 
-    q, qd, _ = joint_motion(robot, design.path, check_times(design.path, 0.02))
+    q, qd, _ = joint_motion(robot, design.path, check_times(design.path, CHECK_STEP_S))
     return float(tip_speeds(robot, q, qd).max())
 
 

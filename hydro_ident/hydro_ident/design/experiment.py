@@ -45,8 +45,6 @@ class _BeyondLimitsError(IdentError):
 
 LIMITS = Limits()
 SHORTEST_S = 30.0
-#: Spacing at which a finished path is checked.
-_STEP_S = 0.02
 #: How far over the design's own limit of flow, which its pieces keep at their samples, a finished
 #: path may come at samples that lie between these.
 _BETWEEN = 1.01
@@ -266,7 +264,7 @@ def _designed(
     path = cast(JointPath, load_path(file))
     try:
         kept, most = margins(robot, LIMITS), _BETWEEN * LIMITS.flow
-        check = check_path(robot, path, margin=kept, flow_limit=most, step_s=_STEP_S)
+        check = check_path(robot, path, margin=kept, flow_limit=most)
     except RobotError as error:
         raise _BeyondLimitsError(
             f"no motion fits the limits of robot {robot.name}: {error}"

@@ -11,6 +11,7 @@ from hydro_ident.design.limits import Limits, fits, limit_ratios, margins
 from hydro_ident.errors import IdentError
 from hydro_model.description.fields import Fields
 from hydro_model.hydraulics.cylinder import stroke
+from hydro_model.motion.paths_check import CHECK_STEP_S
 from hydro_model.motion.paths_kinds import read_segments
 from hydro_model.motion.paths_segments import Segment
 from hydro_model.multibody.joint_ranges import limits as joint_limits
@@ -25,7 +26,6 @@ _MOVE_TIMES = 0.8 * 1.08 ** np.arange(55)
 _MOVE_RAMP = 0.35
 #: Sizes of a piece that are tried.
 SIZES = (1.0, 0.98, 0.96, 0.94, 0.92, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
-_CHECK_STEP_S = 0.02
 
 
 class Program:
@@ -147,7 +147,7 @@ class Program:
 def sampled(segments: Sequence[Segment]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Positions, velocities and accelerations along segments, at the spacing of checks."""
     times = [
-        np.linspace(0.0, one.duration_s, max(12, round(one.duration_s / _CHECK_STEP_S)))
+        np.linspace(0.0, one.duration_s, max(12, round(one.duration_s / CHECK_STEP_S)))
         for one in segments
     ]
     rows = [one.sample_many(at) for one, at in zip(segments, times, strict=True)]
