@@ -49,6 +49,8 @@ from hydro_model.robot import Robot
 
 #: Longest delay that is tried, in cycles: each costs columns, and moments their squares.
 MOST_CYCLES = 50
+#: Rows of a channel per second, at most: those of a flow, one per hop of its windows (`hop_s`).
+_ROWS_PER_S = 50.0
 #: Recordings are rolled out over this much at their start: roll-outs need them in memory.
 ROLLED_OUT_S = 300.0
 
@@ -318,7 +320,7 @@ def rolled_out(job: Job, found: Robot | None, hydraulic: HydraulicFit | None) ->
 
 def _plot_spacing(surveys: Sequence[Survey], every: int) -> int:
     """Rows per row that is plotted."""
-    rows = 50.0 * sum(survey.duration_s for survey in surveys) / max(every, 1)
+    rows = _ROWS_PER_S * sum(survey.duration_s for survey in surveys) / max(every, 1)
     return max(1, math.ceil(rows / PLOT_POINTS))
 
 

@@ -51,6 +51,16 @@ _SLIDING = word_set(
 )
 #: A message's field of forces, which is also where pressures go.
 _PRESSED = word_set("pressure pressures")
+#: Pressures in Pa go beyond this, which hardly anything else in a log does, and read hardly less
+#: than nothing.
+_HIGH_PRESSURE, _NO_PRESSURE = 1e4, -2.0
+#: Commands of valves are of 10 V at most, and may read a little more.
+_VOLTS = 10.5
+#: Angles go round once: in degrees, and so in any other unit of theirs but mrad and gon.
+_DEGREES = 360.0
+#: Oil in degrees Celsius, from that of a cold hall to more than its seals stand for long, and how
+#: much it warms up in one log.
+_COLD, _HOT, _WARMS = 5.0, 110.0, 30.0
 _PORT = re.compile(r"(?:Out|In)\d*\s*[\[({]?\s*")
 _OF_WORD = {word: quantity for quantity, words in _WORDS.items() for word in words.split()}
 
@@ -242,12 +252,12 @@ def _by_numbers(known: FloatArray) -> Mapping[str, str]:
     found = {}
     if len(steps) and bool((steps > 0.0).all()):
         found["time"] = "increases from line to line"
-    if low > -2.0 and high > 1e4:
+    if low > _NO_PRESSURE and high > _HIGH_PRESSURE:
         found["pressure"] = f"reaches {high:.3g}"
-    if max(abs(low), abs(high)) <= 10.5 and high - low > 0.0:
+    if max(abs(low), abs(high)) <= _VOLTS and high - low > 0.0:
         found["voltage"] = f"within {low:.3g} to {high:.3g}"
-    if max(abs(low), abs(high)) <= 360.0:
+    if max(abs(low), abs(high)) <= _DEGREES:
         found["angle"] = f"within {low:.3g} to {high:.3g}"
-    if low > 5.0 and high < 110.0 and high - low < 30.0:
+    if low > _COLD and high < _HOT and high - low < _WARMS:
         found["temperature"] = f"within {low:.3g} to {high:.3g}"
     return found
