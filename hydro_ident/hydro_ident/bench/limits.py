@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import importlib.metadata
+import shlex
+import signal
 import statistics
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -23,6 +26,7 @@ from hydro_ident.bench.job import Row, against_limit, seconds_of
 from hydro_ident.bench.processes import entry
 from hydro_ident.study.closed_loop import run_closed_loop
 from hydro_ident.study.known_effects import known_effects
+from hydro_ident.study.patience import unended
 from hydro_model.motion.paths import load_path
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
@@ -35,6 +39,8 @@ LISTED = "control law with friction, overlap, leakage and spool lag listed, one 
 EMPTY, HELP = "start of the interpreter, python -c pass", "start of a command, the slowest --help"
 INSPECTED = "start of a command, inspect of a small bag"
 _TICK_LIMIT_S, _START_LIMIT_S = 1e-4, 0.5
+#: How long a command that is to start in half a second is waited for, s.
+_PATIENCE_S = 60.0
 _WARM_UP = 100
 
 
@@ -157,4 +163,16 @@ def in_turns(works: Mapping[str, Callable[[], object]], rounds: int) -> dict[str
 
 
 def _start(words: list[str]) -> None:
-    subprocess.run([sys.executable, *words], stdout=subprocess.DEVNULL, check=True)
+    # Not `wait` with a time to end at: that looks every 50 ms, and this is measured.
+    process = subprocess.Popen([sys.executable, *words], stdout=subprocess.DEVNULL)
+    watch = threading.Timer(_PATIENCE_S, process.kill)
+    watch.start()
+    try:
+        code = process.wait()
+    finally:
+        watch.cancel()
+        process.kill()
+    if code == -signal.SIGKILL:
+        raise unended(shlex.join(words), _PATIENCE_S)
+    if code:
+        raise subprocess.CalledProcessError(code, words)

@@ -38,6 +38,8 @@ _BESIDE, _USED = (
 )
 #: Changed sources that a page names, the others are counted.
 _NAMED = 8
+#: How long git is waited for, s: it answers in a second, unless another holds the repository.
+_GIT_S = 60.0
 #: Make the page or this file: they measure nothing.
 LEFT_OUT = ("page.py", "made.py", "names.py", "soak_page.py")
 
@@ -186,7 +188,9 @@ def _commit(root: Path) -> str:
         "--exclude=*",
     ]
     try:
-        done = subprocess.run(words, capture_output=True, text=True, check=True)
+        done = subprocess.run(words, capture_output=True, text=True, check=True, timeout=_GIT_S)
+    except subprocess.TimeoutExpired:
+        return f"unknown (git did not answer within {_GIT_S:g} s)"
     except (OSError, subprocess.CalledProcessError):
         return "unknown (no git)"
     return done.stdout.strip()

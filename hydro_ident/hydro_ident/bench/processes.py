@@ -9,10 +9,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hydro_ident.errors import IdentError
+from hydro_ident.study.patience import run_within
 
 LIFECYCLE = "hydro_control.node.lifecycle_command"
 #: How long to wait for an end.
 _END_S = 10.0
+#: What `lifecycle` itself waits for a node's transition and for a trip to be cleared, and how much
+#: more its own start and end may take.
+_NODE_S, _TRIP_S, _BESIDE_S = 120.0, 10.0, 60.0
 
 
 class Processes:
@@ -49,20 +53,22 @@ class Processes:
             )
 
     def transition(self, what: str, node: str) -> None:
-        """Ask a lifecycle node for a transition; IdentError where it refuses.
+        """Ask a lifecycle node for a transition; IdentError where it refuses or does not answer.
 
         `what` is its name, as `lifecycle` takes it.
         """
-        words = [sys.executable, *entry(LIFECYCLE), what, f"/{node}", "--timeout", "120"]
-        done = subprocess.run(words, env=self.environment, capture_output=True, check=False)
+        done = self._asked(what, f"/{node}", _NODE_S)
         if done.returncode:
             raise IdentError(f"chain: {done.stderr.decode(errors='replace').strip()}")
 
     def clear_trip(self) -> bool:
         """Clear the bridge's trip; whether there was one that could be cleared."""
-        words = [sys.executable, *entry(LIFECYCLE), "clear_trip", "/can_bridge"]
-        done = subprocess.run(words, env=self.environment, capture_output=True, check=False)
-        return b"cleared:" in done.stdout
+        return b"cleared:" in self._asked("clear_trip", "/can_bridge", _TRIP_S).stdout
+
+    def _asked(self, what: str, node: str, wait_s: float) -> subprocess.CompletedProcess[bytes]:
+        words = [sys.executable, *entry(LIFECYCLE), what, node, "--timeout", f"{wait_s:g}"]
+        how = {"env": self.environment, "capture_output": True, "check": False}
+        return run_within(wait_s + _BESIDE_S, f"lifecycle {what} {node}", words, **how)
 
     def stop(self) -> None:
         """End all of them, the last one started first."""

@@ -21,6 +21,7 @@ from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import IdentError
 from hydro_ident.identify.results import MODEL_FILE
 from hydro_ident.study.closed_loop import Run, run_closed_loop
+from hydro_ident.study.patience import run_within
 from hydro_model.motion.paths import JointPath, TipPath, load_path
 from hydro_model.robot import Robot
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_REFERENCE, JOINT_STATES, VALVE_STATE
@@ -28,6 +29,8 @@ from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_REFERENCE, JOINT_STA
 RUNS = ("excitation", "validation")
 #: Recorded after the end of a path, as by the demo.
 AFTER_S = 2.5
+#: What a command may take, s: of minutes of recording on a busy computer, some minutes.
+_PATIENCE_S = 3600.0
 _START_NS, _SECOND_NS = 1_700_000_000_000_000_000, 1_000_000_000
 
 
@@ -154,10 +157,11 @@ def command(log: Path, name: str, *arguments: str) -> None:
     Raises
     ------
     IdentError
-        It failed; says what it said.
+        It failed; says what it said. Or it did not end.
     """
     line = [sys.executable, "-m", f"hydro_ident.commands.{name}", *arguments]
     with log.open("w", encoding="utf-8") as out:
-        done = subprocess.run(line, stdout=out, stderr=subprocess.PIPE, text=True, check=False)
+        how = {"stdout": out, "stderr": subprocess.PIPE, "text": True, "check": False}
+        done = run_within(_PATIENCE_S, name, line, **how)
     if done.returncode:
         raise IdentError(f"{name} ended with {done.returncode}: {done.stderr.strip()}")

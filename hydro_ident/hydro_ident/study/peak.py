@@ -11,8 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hydro_ident.errors import IdentError
+from hydro_ident.study.patience import unended
 
 _POLL_S = 0.1
+#: What a run may take, s: the longest, of a bag of hours, takes some minutes.
+PATIENCE_S = 7200.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +37,7 @@ class Spent:
     begun_s: float
 
 
-def spent(module: str, arguments: Sequence[str]) -> Spent:
+def spent(module: str, arguments: Sequence[str], patience_s: float = PATIENCE_S) -> Spent:
     """Run a module of ours as a process and watch it.
 
     Parameters
@@ -42,6 +45,8 @@ def spent(module: str, arguments: Sequence[str]) -> Spent:
     module : str
         As for `python -m`.
     arguments : sequence of str
+    patience_s : float
+        How long it may take.
 
     Returns
     -------
@@ -50,7 +55,7 @@ def spent(module: str, arguments: Sequence[str]) -> Spent:
     Raises
     ------
     IdentError
-        It failed.
+        It failed, or did not end in time.
     """
     with tempfile.TemporaryFile() as said:
         began = time.monotonic()
@@ -59,6 +64,10 @@ def spent(module: str, arguments: Sequence[str]) -> Spent:
         )
         peak_kb = 0
         while process.poll() is None:
+            if time.monotonic() - began > patience_s:
+                process.kill()
+                process.wait()
+                raise unended(module, patience_s)
             largest, now = (status_kb(process.pid, key) for key in ("VmHWM", "VmRSS"))
             peak_kb = max(peak_kb, largest, now + _forked_kb(process.pid))
             time.sleep(_POLL_S)
