@@ -2,7 +2,10 @@
 
 The grid is that of the recorded cycles: the stamps that `/joint_states` and, where it was
 recorded, `/chamber_pressures` have in common. Every other topic is joined to it by stamp.
-Nothing is resampled or filled in: a cycle that is not there is a gap.
+Nothing is resampled: a cycle that is not there is a gap, and a reading that is not there is NaN.
+Nothing is filled in from other cycles. What stands for a reading is recorded of the same cycle,
+and a note says so: a stroke for its joint's position (`fill_angles`), a command for the voltage of
+a valve that tells none (`valve_columns`).
 """
 
 from __future__ import annotations
