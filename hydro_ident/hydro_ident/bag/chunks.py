@@ -6,10 +6,12 @@ import struct
 import zlib
 from dataclasses import dataclass
 
+from hydro_ident.errors import BagError
+
 _FIXED = struct.Struct("<QQQII")  # start, end, uncompressed size, crc, length of compression name
 
 
-class ChunkError(Exception):
+class ChunkError(BagError):
     """A chunk that cannot be used, with why.
 
     Attributes
