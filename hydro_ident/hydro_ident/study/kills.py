@@ -31,8 +31,9 @@ from hydro_ident.study.sources import digests_of
 from hydro_model.command_line.command import Parser, run_command
 from hydro_model.command_line.output import write_atomically
 from hydro_msgs_docs.middleware import prepare_middleware
+from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_STATES, VALVE_COMMAND, VALVE_STATE
 
-TOPICS = ("/joint_states", "/chamber_pressures", "/valve_command", "/valve_state")
+TOPICS = (JOINT_STATES, CHAMBER_PRESSURES, VALVE_COMMAND, VALVE_STATE)
 #: What may be lost, and how long to wait for what must come.
 PROMISE_S, PATIENCE_S = 0.3, 300.0
 PERIOD_NS = 2_000_000
