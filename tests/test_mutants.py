@@ -16,8 +16,8 @@ from hydro_ident.study.mutants.__main__ import run
 from hydro_ident.study.mutants.changes import changes
 from hydro_ident.study.mutants.harmless import HARMLESS
 from hydro_ident.study.mutants.listed import TARGETS
-from hydro_ident.study.mutants.page import digest, with_table
-from hydro_ident.study.sources import differing, digests_of
+from hydro_ident.study.mutants.page import with_table
+from hydro_ident.study.sources import differing, digest, digests_of
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "hydro_msgs_docs"

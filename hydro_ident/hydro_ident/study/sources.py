@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from hydro_ident.study.mutants.page import digest
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file: another with every edit of it.
+
+    Parameters
+    ----------
+    path : Path
+    """
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def digests_of(root: Path, paths: Iterable[Path], left_out: Iterable[str]) -> dict[str, str]:

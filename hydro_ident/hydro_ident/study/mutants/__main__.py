@@ -19,7 +19,6 @@ from hydro_ident.study.mutants.listed import TARGETS, Target
 from hydro_ident.study.mutants.page import (
     PAGE,
     Run,
-    digest,
     left_over,
     result_of,
     unargued,
@@ -27,7 +26,7 @@ from hydro_ident.study.mutants.page import (
 )
 from hydro_ident.study.mutants.trial import SURVIVED, covered, prepare, tried
 from hydro_ident.study.placed import write_result
-from hydro_ident.study.sources import digests_of
+from hydro_ident.study.sources import digest, digests_of
 from hydro_model.command_line.command import Parser, run_command
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -66,11 +65,6 @@ class Run:
     def survivors(self) -> list[Change]:
         """Those that nothing noticed."""
         return [change for change, end in self.ends if end == SURVIVED]
-
-
-def digest(path: Path) -> str:
-    """What a run is of: changes with every edit of the file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def left_over(
