@@ -104,7 +104,8 @@ class Stage:
     def tell(self, name: str, text: str) -> None:
         """A line of standard input."""
         stream = self._processes[name].stdin
-        assert stream is not None
+        if stream is None:
+            raise IdentError(f"{name}: expected a standard input to write to, found none")
         stream.write(f"{text}\n")
         stream.flush()
 
@@ -217,7 +218,10 @@ class Stage:
         """Deadlines of the bare timer and how late each was, ns."""
         data = np.fromfile(self.folder / "timer.bin", dtype="<i8")
         pairs = data[: data.size - data.size % 2].reshape(-1, 2)
-        assert bare_timer.RECORD.size == pairs.itemsize * 2
+        size = 2 * pairs.itemsize
+        if bare_timer.RECORD.size != size:
+            found = bare_timer.RECORD.size
+            raise IdentError(f"bare timer: expected records of {size} bytes, found {found}")
         return pairs[:, 0], pairs[:, 1]
 
 
