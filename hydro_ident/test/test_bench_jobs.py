@@ -123,3 +123,11 @@ def test_help_imports_nothing_heavy(name: str) -> None:
     assert done.returncode == 0, done.stderr
     assert len(done.stdout.splitlines()) > 3
     assert set(done.stdout.splitlines()[-1].split()) <= _NEEDED.get(name, set())
+
+
+def test_results_that_differ_are_said_even_where_asserts_are_left_out() -> None:
+    """A benchmark under `python -O` compares what it times all the same."""
+    script = "from hydro_ident.bench.job import agree; agree(1 < 2, 'well'); agree(2 < 1, 'apart')"
+    done = subprocess.run([sys.executable, "-O", "-c", script], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.endswith("AssertionError: apart\n")

@@ -18,7 +18,7 @@ from mcap.records import Chunk
 from mcap.stream_reader import MAGIC_SIZE, StreamReader
 
 from hydro_ident.bag.reader import read_bag
-from hydro_ident.bench.job import Job
+from hydro_ident.bench.job import Job, agree
 from hydro_ident.study.long_bag import write_repeated
 from hydro_ident.study.synthetic import synthetic_recording
 from hydro_model.robot import FloatArray
@@ -73,7 +73,7 @@ def bag_jobs(bag: Path, say: Callable[[str], None]) -> Iterator[Job]:
 
         def check(theirs: Callable[[], Columns] = theirs) -> None:
             found = theirs()
-            assert found.keys() == expected.keys()
+            agree(found.keys() == expected.keys(), f"it reads {', '.join(found) or 'nothing'}")
             for topic, values in expected.items():
                 np.testing.assert_array_equal(found[topic], values, err_msg=topic)
 
@@ -149,6 +149,7 @@ def _all_unpacked(file: Path) -> None:
     with open(file, "rb") as stream:
         for record in StreamReader(ReadDataStream(stream), emit_chunks=True).records:
             if isinstance(record, Chunk):
-                assert record.compression == "zstd", record.compression
+                agree(record.compression == "zstd", f"its chunks are {record.compression}")
                 size += record.uncompressed_size
-    assert unpacked(file)[0] == size > 0
+    found = unpacked(file)[0]
+    agree(found == size > 0, f"it unpacks {size} bytes, we {found}")

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.bench.chains import PINOCCHIO_ORDER, chain, pinocchio_model
+from hydro_ident.bench.job import agree
 from hydro_ident.estimate.statistics.blocks import blocks_of
 from hydro_ident.estimate.statistics.least_squares import Fit, fit_of_solution
 from hydro_ident.estimate.statistics.moments import LAGS, Moments
@@ -191,13 +192,14 @@ def compare(ours: Fit, theirs: PeerFit, lags: int = LAGS) -> None:
     leading = base_map(chain(DOF)).leading
     where = np.concatenate([leading, np.arange(10 * DOF, 12 * DOF)])
     selected = (theirs.columns[:, None] == where[None, :]).astype(float)
-    assert theirs.mapping.shape[0] == where.size, (theirs.mapping.shape, where.size)
+    count = theirs.mapping.shape[0]
+    agree(count == where.size, f"expected {where.size} base parameters, found {count}")
     turned = theirs.mapping @ selected
     std = np.sqrt(np.diag(turned @ ours.covariance @ turned.T))
     off = np.abs(turned @ ours.theta - theirs.values) / std
     samples = ours.rows / DOF
     near = 5.0 * np.sqrt(lags / samples) if lags else 1e-3
-    assert off.max() < near, f"parameters differ by {off.max():.3g} standard deviations"
+    agree(off.max() < near, f"parameters differ by {off.max():.3g} standard deviations")
     scatter = 0.1 + 10.0 / np.sqrt(samples) if lags else 2.0 / np.sqrt(samples)
     apart = np.abs(std - theirs.std) - 1e-4 * np.abs(theirs.values)
-    assert np.all(apart < scatter * std), f"deviations differ by {np.max(apart / std):.3g}"
+    agree(np.all(apart < scatter * std), f"deviations differ by {np.max(apart / std):.3g}")

@@ -111,6 +111,25 @@ def seconds_of(work: Callable[[], object]) -> float:
     return time.perf_counter() - began
 
 
+def agree(holds: object, text: str) -> None:
+    """What a check of two results says; unlike `assert`, whatever the interpreter leaves out.
+
+    Parameters
+    ----------
+    holds : object
+        True where they agree in something.
+    text : str
+        By what they differ.
+
+    Raises
+    ------
+    AssertionError
+        They do not.
+    """
+    if not holds:
+        raise AssertionError(text)
+
+
 def run(job: Job, rounds: int) -> Row:
     """Check that both agree, then time them in turns.
 
