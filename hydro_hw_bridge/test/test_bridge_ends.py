@@ -24,6 +24,7 @@ from sensor_msgs.msg import JointState  # noqa: E402
 
 from hydro_hw_bridge.bus import claims  # noqa: E402
 from hydro_hw_bridge.bus.link import UNSENT  # noqa: E402
+from hydro_hw_bridge.core.bridge_turns import BridgeTurns  # noqa: E402
 from hydro_hw_bridge.node import bridge as bridge_module  # noqa: E402
 from hydro_hw_bridge.node import bridge_loops as loops_module  # noqa: E402
 from hydro_hw_bridge.node.bridge import CanBridge  # noqa: E402
@@ -319,3 +320,27 @@ def test_a_thread_that_the_bus_holds_is_told_and_never_comes_alive_again(
     bench.bus.read_on.set()
     held.join(PATIENCE_S)
     assert not held.is_alive()
+
+
+@pytest.mark.parametrize("asking", ["report", "_look_for_subscribers"])
+def test_what_is_told_of_the_turns_is_asked_between_them(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, asking: str
+) -> None:
+    bench.bridge.trigger_configure()
+    loops, asked = bench.bridge._loops, list[float]()
+
+    def late(*_: object) -> bool:
+        asked.append(time.monotonic())
+        return True
+
+    monkeypatch.setattr(BridgeTurns, "silent", late)
+    monkeypatch.setattr(BridgeTurns, "waits", property(late))
+    argument = {} if asking == "report" else loops._topics
+    other = threading.Thread(target=getattr(loops, asking), args=(argument,))
+    with loops._lock:  # a turn
+        other.start()
+        other.join(0.3)
+        assert other.is_alive()
+        assert not asked
+    other.join(PATIENCE_S)
+    assert asked

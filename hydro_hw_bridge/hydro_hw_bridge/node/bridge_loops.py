@@ -195,14 +195,11 @@ class BridgeLoops:
         names : dict of str to str
             Of robot, mapping and the like.
         """
-        topics = self._topics
-        silent = bool(self._threads) and self._turns.silent(time.monotonic())
-        missing = (
-            topics.matched(self._parts.settings.required_subscribers)
-            if topics is not None and self._turns.waits
-            else []
-        )
+        topics, required = self._topics, self._parts.settings.required_subscribers
+        # Asked first, and whether it waits or not: the middleware's answer may take its time.
+        missing = [] if topics is None else topics.matched(required)
         with self._lock:
+            silent = bool(self._threads) and self._turns.silent(time.monotonic())
             level, text = bridge_report.summary(self.core, missing, silent=silent)
             values = bridge_report.values(self.core, self._parts.bus, names)
         values["unreadable_commands"] = self._hot.unreadable
@@ -270,9 +267,9 @@ class BridgeLoops:
             self._on_change()
 
     def _look_for_subscribers(self, topics: BridgePublishers) -> None:
-        if not self._turns.waits:
-            return
-        if topics.matched(self._parts.settings.required_subscribers):
+        with self._lock:
+            waits = self._turns.waits
+        if not waits or topics.matched(self._parts.settings.required_subscribers):
             return
         with self._lock:
             self._turns.matched()
