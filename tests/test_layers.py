@@ -22,7 +22,7 @@ ORDERS: Mapping[str, Sequence[str]] = {
         *("robot_files", "command_line", "new_robot", "motion", "simulation"),
     ),
     "hydro_hw_bridge": (
-        *("errors", "endings", "protocol", "bus", "gate", "monitoring", "core", "node"),
+        *("errors", "protocol", "bus", "gate", "monitoring", "core", "node"),
         *("commissioning", "rig", "faults"),
     ),
     "hydro_control": (

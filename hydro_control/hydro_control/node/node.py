@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from hydro_control.errors import ControlError
 from hydro_model.command_line.command import run_command
+from hydro_msgs_docs.endings import on_end
 from hydro_msgs_docs.middleware import start_ros
 from hydro_msgs_docs.node_arguments import check_arguments
 
@@ -78,13 +79,10 @@ _SPIN_S = 0.02
 
 def _spin(rclpy: Any, node: ControllerNode) -> int:
     """Serve the node until a signal or a failure of the control loop."""
-    import signal
-
     from rclpy.executors import SingleThreadedExecutor
 
-    received: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda n, _frame: received.append(n))
+    received: list[bool] = []
+    on_end(lambda: received.append(True))
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     while rclpy.ok() and not received and node.failure is None:

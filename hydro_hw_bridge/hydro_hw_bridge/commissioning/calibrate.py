@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hydro_hw_bridge.endings import on_end
 from hydro_hw_bridge.errors import BridgeError, CalibrationError
 from hydro_model.command_line.command import Parser, run_command
 from hydro_model.command_line.output import add_json, report
+from hydro_msgs_docs.endings import on_end
 
 if TYPE_CHECKING:
     from hydro_hw_bridge.commissioning.calibration_session import Session

@@ -13,7 +13,7 @@ import sys
 import time
 from pathlib import Path
 
-from hydro_hw_bridge.endings import on_end
+from hydro_msgs_docs.endings import on_end
 
 PERIOD_NS = 2_000_000
 RECORD = struct.Struct("<qq")

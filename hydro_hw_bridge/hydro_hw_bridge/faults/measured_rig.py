@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import BinaryIO
 
 from hydro_hw_bridge.bus.bus_open import open_bus, quiet_python_can
-from hydro_hw_bridge.endings import on_end
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.faults.machine_faults import PERMISSIVES, SUPPLY
 from hydro_hw_bridge.protocol.codec import Codec
@@ -33,6 +32,7 @@ from hydro_hw_bridge.rig.truth import Truth
 from hydro_hw_bridge.rig.truth_files import load_truth
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.endings import on_end
 
 #: Doubles of a record before the voltages: enabled, watchdog, heard.
 STATES = 3

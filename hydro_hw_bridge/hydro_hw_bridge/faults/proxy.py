@@ -16,11 +16,11 @@ import time
 
 from hydro_hw_bridge.bus.bus import Bus
 from hydro_hw_bridge.bus.bus_open import open_bus, quiet_python_can
-from hydro_hw_bridge.endings import on_end
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, BusFault
 from hydro_hw_bridge.faults.line import FaultLine
 from hydro_hw_bridge.protocol.codec import Codec
 from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.endings import on_end
 
 TIMEOUT_S = 0.05
 

@@ -7,9 +7,9 @@ import threading
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from hydro_hw_bridge.endings import on_end, on_end_at_once
 from hydro_hw_bridge.errors import BridgeError
 from hydro_model.command_line.command import Parser, run_command
+from hydro_msgs_docs.endings import on_end, on_end_at_once
 from hydro_msgs_docs.middleware import start_ros
 
 if TYPE_CHECKING:

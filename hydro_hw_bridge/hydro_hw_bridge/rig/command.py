@@ -10,10 +10,10 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from hydro_hw_bridge.endings import on_end
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.payload import payload_argument
 from hydro_model.command_line.command import Parser, run_command
+from hydro_msgs_docs.endings import on_end
 
 if TYPE_CHECKING:
     from hydro_hw_bridge.rig.core import RigCore

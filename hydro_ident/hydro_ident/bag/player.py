@@ -16,12 +16,12 @@ from typing import Any
 from hydro_ident.bag.definitions import message_class_of
 from hydro_ident.bag.mcap_types import Channel
 from hydro_ident.bag.playback import Contents, contents_of, messages_in_order
-from hydro_ident.bag.signals import stop_on_signals
 from hydro_ident.errors import BagError
 from hydro_model.command_line.command import Parser, run_command, warn
 from hydro_model.command_line.output import STDOUT, add_json, report
 from hydro_model.command_line.terminal import advance, progress_bar
 from hydro_model.description.safe_yaml import UnusableYamlError, parse
+from hydro_msgs_docs.endings import stop_on_signals
 from hydro_msgs_docs.middleware import start_ros
 from hydro_msgs_docs.node_arguments import own_arguments
 from hydro_msgs_docs.topics import LIVE_DEPTH, reliable

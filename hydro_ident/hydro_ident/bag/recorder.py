@@ -27,12 +27,12 @@ from hydro_ident.bag.recorder_summary import (
 )
 from hydro_ident.bag.recorder_topics import check_topic, wanted_topics
 from hydro_ident.bag.running_nodes import RunningNodes
-from hydro_ident.bag.signals import stop_on_signals
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import IdentError
 from hydro_model.command_line.command import Parser, run_command
 from hydro_model.command_line.output import STDOUT, add_json, write_json
 from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.endings import stop_on_signals
 from hydro_msgs_docs.middleware import start_ros
 from hydro_msgs_docs.node_arguments import own_arguments
 from hydro_msgs_docs.topics import (

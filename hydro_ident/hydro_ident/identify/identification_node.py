@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from hydro_ident.errors import IdentError, NotEnoughDataError
 from hydro_model.command_line.command import run_command
+from hydro_msgs_docs.endings import on_end
 from hydro_msgs_docs.middleware import start_ros
 from hydro_msgs_docs.node_arguments import check_arguments
 
@@ -36,8 +36,7 @@ def run(arguments: Sequence[str]) -> int:
 
     start_ros("identification_node", arguments, SignalHandlerOptions.NO)
     # A signal also has to end the identification, which spins nothing.
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupt)
+    on_end(_interrupt)
     try:
         node = rclpy.create_node("identification_node")
         try:
@@ -57,7 +56,7 @@ def run(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _interrupt(_number: int, _frame: object) -> None:
+def _interrupt() -> None:
     raise KeyboardInterrupt
 
 

@@ -46,8 +46,7 @@ MOMENTS = ("running", "roll-over", "closing")
 #: What such a result is of: what records, and what reads the bags that are left.
 SOURCES = (
     "chunks", "definitions", "described_chunks", "mcap_records", "mcap_summary", "metadata",
-    "publisher_numbers", "reader", "record_walk", "recorder", "recorder_topics", "signals",
-    "writer",
+    "publisher_numbers", "reader", "record_walk", "recorder", "recorder_topics", "writer",
 )  # fmt: skip
 _RECORDER = "import sys; from hydro_ident.bag.recorder import main; sys.exit(main())"
 _ROLLING = f"""
@@ -269,7 +268,8 @@ def digests(root: Path) -> dict[str, str]:
     """
     folder = root / "hydro_ident/hydro_ident/bag"
     paths = [folder / f"{name}.py" for name in SOURCES]
-    return digests_of(root, [*paths, root / "hydro_msgs_docs/hydro_msgs_docs/cdr.py"], ())
+    contract = root / "hydro_msgs_docs/hydro_msgs_docs"
+    return digests_of(root, [*paths, contract / "cdr.py", contract / "endings.py"], ())
 
 
 def _parser() -> argparse.ArgumentParser:

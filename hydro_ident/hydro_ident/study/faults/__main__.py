@@ -14,7 +14,6 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from hydro_hw_bridge.endings import on_end
 from hydro_ident.errors import IdentError
 from hydro_ident.study.faults import device_time, page, sources, wall_outcomes, wall_time
 from hydro_ident.study.faults.wall_bus import BusDeeds
@@ -24,6 +23,7 @@ from hydro_ident.study.faults.wall_processes import ProcessDeeds
 from hydro_ident.study.placed import write_result
 from hydro_model.command_line.command import Parser, run_command
 from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.endings import on_end
 
 SCHEMA = "hydro_ident/faults/2"
 PARTS = ("device_time", "wall_time")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 #: SIGHUP is what an ssh connection that drops leaves behind.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -21,6 +22,23 @@ def on_end(end: Callable[[], None]) -> None:
     """
     for number in SIGNALS:
         signal.signal(number, lambda *_: end())
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[list[bool]]:
+    """A list that turns non-empty on every signal that ends a process, so that work ends in order.
+
+    rclpy's own handlers would shut the middleware down under a loop that still uses it. The
+    handlers of before are back afterwards.
+    """
+    stop: list[bool] = []
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    on_end(lambda: stop.append(True))
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def on_end_at_once(end: Callable[[], None]) -> None:
