@@ -17,6 +17,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from hydro_msgs_docs.errors import ContractError
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 ByteArray = NDArray[np.uint8]
@@ -42,7 +44,7 @@ _ENCAPSULATION = {0: ">", 1: "<"}
 _MAX_NAMES = 4096
 
 
-class CdrError(ValueError):
+class CdrError(ContractError, ValueError):
     """Bytes that are no message of the expected type, with what was found at which offset."""
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from hydro_model.command_line.command import Parser, run_command
 from hydro_model.command_line.output import add_json, report_files, unwritable, write_text
-from hydro_model.errors import HydroError
+from hydro_msgs_docs.errors import ContractError
 
 
-class LayoutError(HydroError):
+class LayoutError(ContractError):
     """A layout that cannot be written (exit code 2)."""
 
 

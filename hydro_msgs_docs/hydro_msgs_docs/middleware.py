@@ -8,7 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from hydro_model.errors import HydroError
+from hydro_msgs_docs.errors import ContractError
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 LOCAL = "LOCALHOST"
@@ -17,7 +17,7 @@ PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 PROFILES_FILE = Path(__file__).with_name("fastdds.xml")
 
 
-class MiddlewareError(HydroError):
+class MiddlewareError(ContractError):
     """ROS cannot be started with these arguments, or in this environment."""
 
 

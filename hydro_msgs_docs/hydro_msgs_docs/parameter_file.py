@@ -11,8 +11,8 @@ from collections.abc import Collection
 from pathlib import Path
 
 from hydro_model.description.fields import Fields
-from hydro_model.errors import HydroError
 from hydro_model.robot_files import read_yaml
+from hydro_msgs_docs.errors import ContractError
 
 #: Where ROS puts what stands on the command line.
 _ALL = "/**"
@@ -20,7 +20,7 @@ _ALL = "/**"
 _OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
 
-class ParameterFileError(HydroError):
+class ParameterFileError(ContractError):
     """A parameters file would not do, or not alone, what it says."""
 
 

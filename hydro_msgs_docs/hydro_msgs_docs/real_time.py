@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hydro_model.errors import HydroError
+from hydro_msgs_docs.errors import ContractError
 
 #: Young containers that are collected once there are so many. A collection costs what it walks,
 #: 12 ns for each: 4 us for these. One of everything took 40 ms, before `gc.freeze`.
@@ -35,7 +35,7 @@ _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _CAP_IPC_LOCK = 14
 
 
-class RealTimeError(HydroError):
+class RealTimeError(ContractError):
     """A real-time option that cannot be read."""
 
 

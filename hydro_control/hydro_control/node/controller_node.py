@@ -42,7 +42,7 @@ class ControllerNode(LifecycleNode):
 
     Raises
     ------
-    ControlError, RobotError
+    ControlError, RobotError, RealTimeError
         At construction: a parameter, the robot file or the path file cannot be used.
     """
 

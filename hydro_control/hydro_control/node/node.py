@@ -38,8 +38,10 @@ def run(arguments: Sequence[str]) -> int:
 
     Raises
     ------
-    ControlError, RobotError
+    ControlError, RobotError, RealTimeError
         A parameter, robot or path file that cannot be used.
+    MiddlewareError
+        ROS cannot be started with these arguments.
     """
     _check(arguments)
     import rclpy

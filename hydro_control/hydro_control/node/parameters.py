@@ -290,7 +290,23 @@ class Settings:
 
 
 def read(node: Any) -> Settings:
-    """The parameters as they stand on a node."""
+    """The parameters as they stand on a node.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+
+    Returns
+    -------
+    Settings
+
+    Raises
+    ------
+    ControlError
+        `adaptation` names what cannot be adapted, or a value is out of what settings allow.
+    RealTimeError
+        `cpu_affinity` is no list of cores.
+    """
     values = {p.name: node.get_parameter(p.name).value for p in PARAMETERS}
     return Settings(
         robot=values["robot"],
