@@ -10,12 +10,12 @@ print(shipped_gains(*sys.argv[1:]))' "$@"
 # default_mapping ROBOT: the bus mapping shipped for a robot; nothing where there is none.
 default_mapping() {
   python -c 'import sys
-from hydro_hw_bridge.protocol.codec import default_mapping
-from hydro_hw_bridge.errors import BridgeError
 from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.errors import ContractError
+from hydro_msgs_docs.shipped_mapping import default_mapping
 try:
     print(default_mapping(load_robot(sys.argv[1]).name))
-except BridgeError:
+except ContractError:
     pass' "$1"
 }
 

@@ -13,7 +13,10 @@ ROOT = Path(__file__).resolve().parents[1]
 #: Where packages lie whose parts have an order.
 FOLDERS = {
     "hydro_model": ROOT / "ros2_ws/src/hydro_model/hydro_model",
-    **{n: ROOT / n / n for n in ("hydro_hw_bridge", "hydro_control", "hydro_ident")},
+    **{
+        n: ROOT / n / n
+        for n in ("hydro_hw_bridge", "hydro_msgs_docs", "hydro_control", "hydro_ident")
+    },
 }
 #: Parts of packages, packages and modules, as architecture.md has them.
 ORDERS: Mapping[str, Sequence[str]] = {
@@ -42,6 +45,16 @@ ORDERS: Mapping[str, Sequence[str]] = {
         *("modelling", "unnamed", "answer"),
     ),
 }
+#: What packages import of one another, as the first table of architecture.md has it.
+REACH: Mapping[str, set[str]] = {
+    "hydro_model": set(),
+    "hydro_msgs_docs": {"hydro_model"},
+    "hydro_hw_bridge": {"hydro_model", "hydro_msgs_docs"},
+    "hydro_control": {"hydro_model", "hydro_msgs_docs"},
+    "hydro_ident": {"hydro_model", "hydro_msgs_docs", "hydro_control"},
+}
+#: Of hydro_ident: they put all the others side by side.
+SIDE_BY_SIDE = ("study", "bench")
 #: Packages of which the map names every module of every part, but for parts that it tells apart.
 MAPPED = ("hydro_model", "hydro_hw_bridge", "hydro_control")
 _APART = ("rig", "faults")
@@ -107,6 +120,19 @@ def test_an_import_against_the_order_is_told(text: str, tmp_path: Path) -> None:
     (tmp_path / "late.py").write_text("from one.early.module import thing\nimport other.late\n")
     assert too_early(tmp_path, "one", ("early", "late")) == {"early/module.py": {"late"}}
     assert too_early(tmp_path, "one", ("late", "early")) == {"late.py": {"early"}}
+
+
+@pytest.mark.parametrize("package", REACH)
+def test_a_package_imports_the_others_that_the_table_says(package: str) -> None:
+    folder, found = FOLDERS[package], dict[str, set[str]]()
+    for path in folder.rglob("*.py"):
+        place = path.relative_to(folder)
+        apart = package == "hydro_ident" and place.parts[0] in SIDE_BY_SIDE
+        names = re.findall(r"^ *(?:from|import) (hydro_\w+)", path.read_text("utf-8"), re.M)
+        allowed = set(REACH) if apart else REACH[package] | {package}
+        if late := set(names) & set(REACH) - allowed:
+            found[str(place)] = late
+    assert found == {}
 
 
 @pytest.mark.parametrize("package", MAPPED)

@@ -22,8 +22,9 @@ from hydro_hw_bridge.protocol.calibration import (
 )
 from hydro_hw_bridge.protocol.codec import Codec
 from hydro_hw_bridge.protocol.frames import Readings
-from hydro_hw_bridge.protocol.shipped_mapping import default_mapping
 from hydro_model.robot import Robot
+from hydro_msgs_docs.errors import ContractError
+from hydro_msgs_docs.shipped_mapping import default_mapping
 
 Edit = Callable[[dict[str, Any]], object]
 Make = Callable[..., Readings]
@@ -213,7 +214,7 @@ def test_garbage_mapping(robot: Robot, tmp_path: Path, text: str) -> None:
 
 
 def test_a_robot_without_a_shipped_mapping() -> None:
-    with pytest.raises(BridgeError, match="no mapping is shipped for robot 'unknown'"):
+    with pytest.raises(ContractError, match="no mapping is shipped for robot 'unknown'"):
         default_mapping("unknown")
 
 

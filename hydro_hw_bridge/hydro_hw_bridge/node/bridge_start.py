@@ -109,6 +109,8 @@ def loaded_codec(
     BridgeError
         A file is missing or malformed, the calibration is of another machine, or the supply's
         pressure is to be watched and not mapped.
+    ContractError
+        No mapping is named, and none is shipped for the robot.
     """
     codec = Codec.load(settings.dbc or None, settings.mapping or None, robot, calibration)
     if settings.min_supply_pa > 0.0 and "supply" not in codec.pressure_names:

@@ -17,8 +17,8 @@ from hydro_hw_bridge.protocol.e2e import alive_counter, is_intact, protect
 from hydro_hw_bridge.protocol.frames import CommandFrame, Echo, Frame, Readings, Status
 from hydro_hw_bridge.protocol.layout import Binding, FrameLayout, Layout, load_layout
 from hydro_hw_bridge.protocol.mapping import ECHO_NAMES, STATUS_NAMES, BusMapping, load_mapping
-from hydro_hw_bridge.protocol.shipped_mapping import default_mapping
 from hydro_model.robot import Robot
+from hydro_msgs_docs.shipped_mapping import default_mapping
 
 COUNTER_BITS = 32
 #: Less than that is rounding of the numbers of a DBC.
@@ -134,6 +134,8 @@ class Codec:
         ------
         BridgeError
             A file is missing or malformed, or they contradict each other or the robot.
+        ContractError
+            No mapping is named, and none is shipped for the robot.
         """
         mapping = load_mapping(Path(mapping_path or default_mapping(robot.name)), robot)
         if calibration is not None:

@@ -16,6 +16,7 @@ from hydro_ident.errors import BagError
 from hydro_model.command_line.command import warn
 from hydro_model.errors import HydroError
 from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.shipped_mapping import default_mapping
 
 #: Nodes that are asked, each with the keys of the metadata that it can tell.
 ASKED = {
@@ -128,8 +129,6 @@ class RunningNodes:
 
 def _mapping(values: Mapping[str, Any]) -> Path:
     """The file that a bridge of these parameters reads; shipped where it names none."""
-    from hydro_hw_bridge.protocol.shipped_mapping import default_mapping
-
     named = Path(str(values.get("mapping", "")))
     if not named.name:
         return default_mapping(load_robot(str(values["robot"])).name)

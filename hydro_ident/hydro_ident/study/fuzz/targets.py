@@ -97,7 +97,7 @@ def _urdf(path: Path) -> None:
 
 def shipped_mapping() -> Path:
     """The mapping that is shipped for the reference crane; its DBC lies beside it."""
-    from hydro_hw_bridge.protocol.shipped_mapping import default_mapping
+    from hydro_msgs_docs.shipped_mapping import default_mapping
 
     return default_mapping(NAME)
 

@@ -1,14 +1,14 @@
-"""Where the mappings lie that are shipped for robots: in the package of the documentation."""
+"""Where the bus mappings lie that this package ships for robots."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from hydro_hw_bridge.errors import BridgeError
+from hydro_msgs_docs.errors import ContractError
 
 
 def default_mapping(robot: str) -> Path:
-    """The mapping that is shipped for a robot, in package hydro_msgs_docs.
+    """The mapping that is shipped for a robot.
 
     Parameters
     ----------
@@ -21,15 +21,17 @@ def default_mapping(robot: str) -> Path:
 
     Raises
     ------
-    BridgeError
+    ContractError
         None is shipped.
     """
     name = f"{robot}.mapping.yaml"
-    folders = [*_shared_can(), Path(__file__).resolve().parents[3] / "hydro_msgs_docs" / "can"]
+    folders = [*_shared_can(), Path(__file__).resolve().parents[1] / "can"]
     for folder in folders:
         if (folder / name).is_file():
             return folder / name
-    raise BridgeError(f"no mapping is shipped for robot '{robot}': expected one by --mapping FILE")
+    raise ContractError(
+        f"no mapping is shipped for robot '{robot}': expected one by --mapping FILE"
+    )
 
 
 def _shared_can() -> list[Path]:
