@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hydro_hw_bridge.bus.bus_name import DEFAULT_BUS
 from hydro_hw_bridge.errors import BridgeError, CalibrationError
 from hydro_model.command_line.command import Parser, run_command
 from hydro_model.command_line.output import add_json, report
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from hydro_model.robot import Robot
 
 NAME = "calibrate"
-DEFAULT_BUS = "udp_multicast:239.74.163.2:43113"
 MAX_SHARE_PERCENT = 5.0
 #: Of what `--json` writes.
 SCHEMA = "hydro_hw_bridge/calibrated/1"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hydro_hw_bridge.faults.timed import Timed
+
 DEVICE, BRIDGE = "device", "bridge"
 
 #: Frames with other contents under valid checks: what a broken sensor or counter sends.
@@ -28,7 +30,7 @@ KINDS = (*CONTENT, *TRANSPORT, *LINK)
 
 
 @dataclass(frozen=True, slots=True)
-class BusFault:
+class BusFault(Timed):
     """One fault on the bus.
 
     Attributes
@@ -59,10 +61,6 @@ class BusFault:
     signal: str = ""
     amount: int = 1
     seed: int = 0
-
-    def acts(self, cycle: int) -> bool:
-        """Whether a cycle is among those it is about."""
-        return self.first_cycle <= cycle < self.first_cycle + self.cycles
 
     def about(self, identifier: int, direction: str) -> bool:
         """Whether a frame is among those it is about; others send beside any."""

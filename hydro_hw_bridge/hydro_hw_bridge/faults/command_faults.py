@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
+from hydro_hw_bridge.faults.timed import Timed
+
 #: What must end at 0 V in the very cycle it is published in.
 BAD = (
     "nan",
@@ -35,7 +37,7 @@ class Command:
 
 
 @dataclass(frozen=True, slots=True)
-class CommandFault:
+class CommandFault(Timed):
     """One fault of a publisher.
 
     Attributes
@@ -54,10 +56,6 @@ class CommandFault:
     cycles: int = 1
     amount: float = 0.0
     valve: int = 0
-
-    def acts(self, cycle: int) -> bool:
-        """Whether a cycle is among those it is about."""
-        return self.first_cycle <= cycle < self.first_cycle + self.cycles
 
 
 class Publisher:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hydro_hw_bridge.faults.timed import Timed
+
 #: Inputs of the machine, by what opens them: the amplifiers look at these themselves.
 PERMISSIVES = {"emergency_stop": "emergency_stop_ok", "pump": "pump_on", "enable": "enable_switch"}
 #: The fourth permissive, which no input tells: the bridge alone sees the supply's pressure.
@@ -28,7 +30,7 @@ KINDS = (
 
 
 @dataclass(frozen=True, slots=True)
-class MachineFault:
+class MachineFault(Timed):
     """One fault that is not on the bus.
 
     Attributes
@@ -46,7 +48,3 @@ class MachineFault:
     first_cycle: int
     cycles: int = 1
     amount: float = 0.0
-
-    def acts(self, cycle: int) -> bool:
-        """Whether a cycle is among those it is about."""
-        return self.first_cycle <= cycle < self.first_cycle + self.cycles

@@ -114,10 +114,10 @@ def plain_truth(robot: Robot, seed: int) -> Truth:
         edges = valve.c_pa * pa, valve.c_at * at, valve.c_pb * pb, valve.c_bt * bt
         valves.append(ValveTruth(valve.name, *edges, transition_pressure_pa=5.0e3))
     machine = MachineExtras(
-        disturbance_n=_log_uniform(random, 5.0, 60.0),
-        disturbance_time_s=_log_uniform(random, 0.02, 0.3),
-        shake=_log_uniform(random, 5.0e-5, 5.0e-4),
-        shake_time_s=_log_uniform(random, 0.02, 0.3),
+        disturbance_n=log_uniform(random, 5.0, 60.0),
+        disturbance_time_s=log_uniform(random, 0.02, 0.3),
+        shake=log_uniform(random, 5.0e-5, 5.0e-4),
+        shake_time_s=log_uniform(random, 0.02, 0.3),
         process_seed=int(random.integers(1 << 31)),
         command_delay_s=random.uniform(0.0, 1.0) / robot.sensors.rate_hz,
     )
@@ -129,21 +129,34 @@ def plain_truth(robot: Robot, seed: int) -> Truth:
         fluid=FluidTruth(random.uniform(0.7e9, 1.3e9)),
         supply=SupplyTruth(robot.supply_pressure_pa, robot.tank_pressure_pa),
         sensors=SensorTruth(
-            pressure_noise_pa=_log_uniform(random, 1.0e3, 8.0e3),
+            pressure_noise_pa=log_uniform(random, 1.0e3, 8.0e3),
             encoder_noise_counts=random.uniform(0.2, 0.8),
             oil_temperature_c=random.uniform(25.0, 55.0),
         ),
         extras=Extras(
             machine=machine,
             sensors=SensorExtras(
-                wander_pa=_log_uniform(random, 0.5e3, 5.0e3),
-                wander_time_s=_log_uniform(random, 0.02, 0.3),
+                wander_pa=log_uniform(random, 0.5e3, 5.0e3),
+                wander_time_s=log_uniform(random, 0.02, 0.3),
             ),
         ),
     )
 
 
-def _log_uniform(random: np.random.Generator, low: float, high: float) -> float:
+def log_uniform(random: np.random.Generator, low: float, high: float) -> float:
+    """A number between two, as likely in every decade.
+
+    Parameters
+    ----------
+    random : numpy.random.Generator
+        One number is drawn.
+    low, high : float
+        Above 0.
+
+    Returns
+    -------
+    float
+    """
     return float(np.exp(random.uniform(np.log(low), np.log(high))))
 
 

@@ -169,14 +169,6 @@ def sign(random: np.random.Generator) -> float:
     return float(random.choice([-1.0, 1.0]))
 
 
-def log_uniform(random: np.random.Generator, low: float, high: float) -> float:
-    """A number between two, as likely in every decade.
-
-    The two are `low` and `high`, both above 0.
-    """
-    return float(np.exp(random.uniform(np.log(low), np.log(high))))
-
-
 def has_lever(machine: Machine, index: int) -> bool:
     """The cylinder turns a joint: its lever changes."""
     return machine.robot.cylinders[index].l1_m != 0.0

@@ -7,13 +7,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from hydro_hw_bridge.rig.random_truth import log_uniform
 from hydro_ident.study.detection_limit import Detectability, detectability
 from hydro_ident.study.experiments import Motion
 from hydro_ident.study.hidden import (
     Hidden,
     Machine,
     Scene,
-    log_uniform,
     machine_extras,
 )
 from hydro_ident.study.hidden_flow import FLOW_EFFECTS
