@@ -154,7 +154,7 @@ class ControllerNode(LifecycleNode):
         self.destroy_node()
 
     def _failed(self, error: BaseException) -> None:
-        self.failure = error
+        self.failure = self.failure or error  # what comes later may follow from it
 
     def _reset_adaptation(
         self, _request: Trigger.Request, response: Trigger.Response

@@ -16,6 +16,7 @@ from sensor_msgs.msg import JointState
 from hydro_control.core import winding_down
 from hydro_control.core.core import Answer, ControllerCore, Sample
 from hydro_control.core.sample_join import SampleJoin
+from hydro_control.errors import ControlError
 from hydro_model.robot import FloatArray
 from hydro_msgs_docs import topics
 from hydro_msgs_docs.cdr import JOINT_STATE, POINT_STAMPED
@@ -29,6 +30,9 @@ from hydro_msgs_docs.real_time import RealTime
 _IDLE_S = 0.1
 #: How long pressures wait for the joint positions of their stamp.
 _PARTNER_S = 0.02
+#: How long the loop has to end: the way to 0 V, acknowledged, takes a second at most, and
+#: whoever asked for a transition waits for ten.
+JOIN_S = 5.0
 
 
 class HotPath:
@@ -44,7 +48,8 @@ class HotPath:
     real_time : RealTime
         Prepared before `start`.
     on_error : callable
-        Told of the exception that ended the thread, from that thread, after the last 0 V.
+        Told of the exception that ended the thread, from that thread, after the last 0 V; and,
+        from that of `stop`, of a thread that does not end.
     """
 
     def __init__(
@@ -76,6 +81,7 @@ class HotPath:
         self._messages = _Messages(core)
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
+        self._held: threading.Thread | None = None
         self._matched = False
         self._driven = False
         #: Lateness of samples, and time from wake-up to command.
@@ -97,7 +103,15 @@ class HotPath:
             self._node.destroy_publisher(publisher)
 
     def start(self) -> None:
-        """Answer samples from the next one on."""
+        """Answer samples from the next one on.
+
+        Raises
+        ------
+        ControlError
+            The thread of before has not ended yet.
+        """
+        if self._held is not None and self._held.is_alive():
+            raise ControlError("expected the control loop of before to have ended, found it held")
         self._core.restart()
         self._join.clear()
         for hot in (self._joints, self._pressures, self._applied):
@@ -106,17 +120,23 @@ class HotPath:
         self._matched = self._driven = False
         self.times = LoopTimes(1.0 / self._core.robot.sensors.rate_hz)
         self._stop.clear()
-        thread = threading.Thread(target=self._main, name="hot_path")
+        # One that is held does not hold the process.
+        thread = threading.Thread(target=self._main, name="hot_path", daemon=True)
         thread.start()  # where the system has none to give, there is none to be ended either
         self._thread = thread
 
     def stop(self) -> None:
-        """End the thread; the last command is 0 V."""
+        """End the thread; the last command is 0 V. One that does not end is told as an error."""
         thread, self._thread = self._thread, None
-        if thread is not None:
-            self._stop.set()
-            self._wait.wake()
-            thread.join()
+        if thread is None:
+            return
+        self._stop.set()
+        self._wait.wake()
+        thread.join(JOIN_S)
+        if thread.is_alive():
+            self._held = thread
+            expected = f"expected the control loop to end within {JOIN_S:g} s"
+            self._on_error(ControlError(f"{expected}, found it held in one of its steps"))
 
     @property
     def state(self) -> str:

@@ -1,4 +1,4 @@
-"""A controller whose loop cannot be started is not active, and can be configured again."""
+"""A controller whose loop cannot be started or ended: not active, and the reason is told."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ rclpy = pytest.importorskip("rclpy")
 from rclpy.lifecycle import TransitionCallbackReturn  # noqa: E402
 
 from hydro_control.errors import ControlError  # noqa: E402
+from hydro_control.node import hot_path  # noqa: E402
 from hydro_control.node.hot_path import HotPath  # noqa: E402
+from hydro_msgs_docs.real_time import RealTime  # noqa: E402
 
 pytestmark = pytest.mark.ros
 DOMAIN = 10 + (os.getpid() + 80) % 90
@@ -55,3 +57,34 @@ def test_a_system_without_another_thread_leaves_it_to_be_configured_again(
     assert gc.isenabled()
     for trigger in (node.trigger_configure, node.trigger_activate):
         assert trigger() is TransitionCallbackReturn.SUCCESS
+
+
+def test_a_loop_that_is_held_is_told_and_does_not_hold_the_node(
+    node: Any, monkeypatch: pytest.MonkeyPatch, patience_s: float
+) -> None:
+    held, go = threading.Event(), threading.Event()
+
+    def hold(_measures: RealTime) -> None:
+        held.set()
+        go.wait(patience_s)
+
+    monkeypatch.setattr(hot_path, "JOIN_S", 0.1, raising=False)
+    monkeypatch.setattr(RealTime, "idle", hold)
+    for trigger in (node.trigger_configure, node.trigger_activate):
+        assert trigger() is TransitionCallbackReturn.SUCCESS
+    assert held.wait(patience_s)
+    loop = node._hot._thread
+    deactivating = threading.Thread(target=node.trigger_deactivate)
+    deactivating.start()
+    deactivating.join(5.0)
+    ended = not deactivating.is_alive()
+    # While it is held no other one is started beside it.
+    again = node.trigger_activate() if ended else None
+    go.set()
+    for thread in (deactivating, loop):
+        thread.join(patience_s)
+    assert ended
+    assert loop.daemon
+    assert "expected the control loop to end within 0.1 s, found it held" in str(node.failure)
+    assert again is TransitionCallbackReturn.FAILURE
+    assert node.trigger_activate() is TransitionCallbackReturn.SUCCESS
