@@ -9,9 +9,10 @@ import pytest
 
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.node.bridge_start import gate_limits, not_quite_zero
-from hydro_hw_bridge.node.parameters import PARAMETERS, settings_from
+from hydro_hw_bridge.node.parameters import PARAMETERS, PUBLISHED_CYCLE_TOPICS, settings_from
 from hydro_hw_bridge.protocol.codec import Codec
 from hydro_model.robot import Robot
+from hydro_msgs_docs.topics import CYCLE_TOPICS
 
 
 def settings(**changes: Any) -> Any:
@@ -49,3 +50,10 @@ def test_a_valve_to_which_0_v_cannot_be_told_is_named_with_what_it_gets(
     (line,) = not_quite_zero(coarse)
     assert line.startswith(f"{coarse.mapping.source}: 0 V of valve 'lift_valve' is no whole count")
     assert line.endswith("it gets +20 mV")
+
+
+def test_topics_that_it_can_wait_for_carry_a_message_per_cycle() -> None:
+    assert set(PUBLISHED_CYCLE_TOPICS) <= set(CYCLE_TOPICS)
+    text = " ".join(f"{topic}:1" for topic in PUBLISHED_CYCLE_TOPICS)
+    required = settings(required_subscribers=text).required_subscribers
+    assert required == dict.fromkeys(PUBLISHED_CYCLE_TOPICS, 1)

@@ -23,8 +23,11 @@ from hydro_msgs_docs.hot_loop import HotWait
 from hydro_msgs_docs.hot_messages import HotVectors
 from hydro_msgs_docs.topics import VALVE_COMMAND, reliable
 
+#: On a silent bus the device's silence is looked at so often: a tenth of the shortest that counts.
 RECEIVE_TIMEOUT_S = 0.005
+#: Whether to end is looked at so often, should the wake of `stop` be lost: well within `JOIN_S`.
 COMMAND_TIMEOUT_S = 0.5
+#: A thread that does not end for so long is held, by the bus or by the middleware.
 JOIN_S = 2.0
 #: 0 V is sent again where the bus does not take it, this far apart and for as long.
 LAST_PERIOD_S, LAST_S = 0.002, 0.2
