@@ -32,7 +32,7 @@ setup(
     zip_safe=False,
     maintainer="Hydro maintainers",
     maintainer_email="hydro-maintainers@example.com",
-    description="Topics, bus and bag contract.",
+    description="Topics, bus and bag contract: pages, and the library that the nodes run by.",
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
