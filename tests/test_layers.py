@@ -55,9 +55,6 @@ REACH: Mapping[str, set[str]] = {
 }
 #: Of hydro_ident: they put all the others side by side.
 SIDE_BY_SIDE = ("study", "bench")
-#: Packages of which the map names every module of every part, but for parts that it tells apart.
-MAPPED = ("hydro_model", "hydro_hw_bridge", "hydro_control")
-_APART = ("rig", "faults")
 
 
 def folder_of(package: str) -> Path:
@@ -135,14 +132,55 @@ def test_a_package_imports_the_others_that_the_table_says(package: str) -> None:
     assert found == {}
 
 
-@pytest.mark.parametrize("package", MAPPED)
-def test_the_map_names_every_module(package: str) -> None:
-    text = (ROOT / "hydro_msgs_docs/architecture.md").read_text(encoding="utf-8")
+def told(package: str, text: str) -> dict[str, list[str]]:
+    """Modules by folder as a page's table of a package has them; "all" of a folder that is one."""
     place = FOLDERS[package].relative_to(ROOT).as_posix()
-    row = rf"^\| \[`(\w+)/`\]\(\.\./{place}/\1/\) \| ((?:`\w+`(?:, )?)+) \|"
-    told = {part: set(re.findall(r"\w+", names)) for part, names in re.findall(row, text, re.M)}
-    folders = [part for part in ORDERS[package] if (FOLDERS[package] / part).is_dir()]
-    assert list(told) == [part for part in folders if part not in _APART]
-    for part, names in told.items():
-        found = {p.stem for p in (FOLDERS[package] / part).glob("*.py")} - {"__init__"}
-        assert names == found, part
+    row = rf"^\| \[`([\w/]+)/`\]\(\.\./{place}/\1/\) \| (all|(?:`\w+`(?:, )?)+) \| \S"
+    found: dict[str, list[str]] = {}
+    for folder, names in re.findall(row, text, re.M):
+        found.setdefault(folder, []).extend(re.findall(r"\w+", names))
+    return found
+
+
+def forgotten(package: str, text: str) -> dict[str, set[str]]:
+    """What a page leaves out of a package, or names and is not there, by folder."""
+    section = text.partition(f"### `{package}`")[2].partition("\n##")[0]
+    there: dict[str, set[str]] = {}
+    for path in FOLDERS[package].rglob("*.py"):
+        if path.stem != "__init__":
+            folder = path.parent.relative_to(FOLDERS[package]).as_posix()
+            there.setdefault(folder, set()).add(path.stem)
+    tops = {name for name in there.pop(".") if f"`{name}.py`" not in section}
+    named = told(package, text)
+    wrong = {".": tops} | {
+        folder: {"nothing of it"} if folder not in named else modules ^ set(named[folder])
+        for folder, modules in there.items()
+        if named.get(folder) != ["all"]
+    }
+    wrong |= {folder: {"no such folder"} for folder in set(named) - set(there)}
+    return {folder: names for folder, names in wrong.items() if names}
+
+
+@pytest.mark.parametrize("package", FOLDERS)
+def test_the_map_names_every_folder_and_module(package: str) -> None:
+    text = (ROOT / "hydro_msgs_docs/architecture.md").read_text(encoding="utf-8")
+    assert forgotten(package, text) == {}
+    for modules in told(package, text).values():
+        assert len(modules) == len(set(modules))
+    if package in ORDERS:
+        parts = list(dict.fromkeys(folder.split("/")[0] for folder in told(package, text)))
+        assert parts == [p for p in ORDERS[package] if (FOLDERS[package] / p).is_dir()]
+
+
+def test_what_the_map_forgets_is_told() -> None:
+    text = (ROOT / "hydro_msgs_docs/architecture.md").read_text(encoding="utf-8")
+    less = text.replace("`kernel_following`, ", "").replace("`optional.py`", "")
+    assert forgotten("hydro_hw_bridge", less) == {"rig": {"kernel_following"}}
+    assert forgotten("hydro_ident", less) == {".": {"optional"}}
+    less = re.sub(r"^\| \[`(bench|study/fuzz)/`.*\n", "", text, flags=re.M)
+    one = {"nothing of it"}
+    assert forgotten("hydro_ident", less) == {"bench": one, "study/fuzz": one}
+    more = text.replace(
+        "`logs/`](../hydro_ident/hydro_ident/logs/", "`log/`](../hydro_ident/hydro_ident/log/"
+    )
+    assert forgotten("hydro_ident", more) == {"logs": one, "log": {"no such folder"}}
