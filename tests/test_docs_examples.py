@@ -87,7 +87,7 @@ def test_limits_of_the_lab_guides_machine_are_taken_by_the_bridge(tmp_path: Path
     rules = {rule.name: rule for rule in PARAMETERS}
     for name, value in given.items():
         assert type(value) is type(rules[name].default)
-        assert (rules[name].low or 0.0) <= value <= (rules[name].high or value)
+        assert rules[name].lower <= value <= rules[name].upper
 
 
 def test_the_lab_guides_controller_asks_for_no_more_than_its_gate_lets_through(

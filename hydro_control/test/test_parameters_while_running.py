@@ -14,9 +14,9 @@ rclpy = pytest.importorskip("rclpy")
 from rclpy.lifecycle import TransitionCallbackReturn  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 
-from hydro_control.node import parameters  # noqa: E402
 from hydro_control.node.controller_node import ControllerNode  # noqa: E402
-from hydro_control.node.parameters import PARAMETERS, Value  # noqa: E402
+from hydro_control.node.parameters import PARAMETERS  # noqa: E402
+from hydro_msgs_docs.node_parameters import ParameterRule, Value  # noqa: E402
 
 pytestmark = pytest.mark.ros
 DOMAIN = 10 + (os.getpid() + 60) % 90
@@ -41,7 +41,7 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     rclpy.try_shutdown()
 
 
-def others(rule: parameters.Parameter) -> list[Value]:
+def others(rule: ParameterRule) -> list[Value]:
     """Legal values that are not the default: of a number both ends of its range."""
     if isinstance(rule.default, str):
         return [TEXTS[rule.name]]
@@ -52,7 +52,7 @@ def others(rule: parameters.Parameter) -> list[Value]:
     return [value for value in ends if value != rule.default]
 
 
-def illegal(rule: parameters.Parameter) -> list[Value]:
+def illegal(rule: ParameterRule) -> list[Value]:
     """Just outside the range, not finite, or of another type."""
     if isinstance(rule.default, str | bool):
         return [1.5]

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from hydro_msgs_docs.errors import ContractError
+from hydro_msgs_docs.node_parameters import ParameterRule
 
 #: Young containers that are collected once there are so many. A collection costs what it walks,
 #: 12 ns for each: 4 us for these. One of everything took 40 ms, before `gc.freeze`.
@@ -39,35 +40,20 @@ class RealTimeError(ContractError):
     """A real-time option that cannot be read."""
 
 
-@dataclass(frozen=True, slots=True)
-class Option:
-    """A ROS parameter that both nodes declare.
-
-    Attributes
-    ----------
-    name, text : str
-    default : int, bool or str
-    low, high : int or None
-        Range of a number.
-    """
-
-    name: str
-    text: str
-    default: int | bool | str
-    low: int | None = None
-    high: int | None = None
-
-
+#: Parameters that both nodes declare.
 OPTIONS = (
-    Option(
+    ParameterRule(
         "rt_priority",
-        "SCHED_FIFO priority of the loop, the process's other threads one below; 0: not asked for",
         0,
+        "",
+        "SCHED_FIFO priority of the loop, the process's other threads one below; 0: not asked for",
         0,
         98,
     ),
-    Option("lock_memory", "keep the process in memory (mlockall)", False),
-    Option("cpu_affinity", "cores that the loop runs on, such as '2' or '2 4-5'; empty: any", ""),
+    ParameterRule("lock_memory", False, "", "keep the process in memory (mlockall)"),
+    ParameterRule(
+        "cpu_affinity", "", "", "cores that the loop runs on, such as '2' or '2 4-5'; empty: any"
+    ),
 )
 
 

@@ -22,6 +22,7 @@ from hydro_control.node.trajectory_intake import TrajectoryIntake
 from hydro_model.motion.paths import load_path
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs import topics
+from hydro_msgs_docs.node_parameters import declare
 from hydro_msgs_docs.nodes import (
     ERROR,
     OK,
@@ -42,13 +43,13 @@ class ControllerNode(LifecycleNode):
 
     Raises
     ------
-    ControlError, RobotError, RealTimeError
+    ParameterError, ControlError, RobotError, RealTimeError
         At construction: a parameter, the robot file or the path file cannot be used.
     """
 
     def __init__(self) -> None:
         super().__init__("controller")
-        parameters.declare(self)
+        declare(self, parameters.PARAMETERS)
         self.failure: BaseException | None = None
         self._hot: HotPath | None = None
         self._real_time = RealTime(RealTimeOptions(), self.get_logger().warn)

@@ -38,7 +38,7 @@ def run(arguments: Sequence[str]) -> int:
 
     Raises
     ------
-    ControlError, RobotError, RealTimeError
+    ParameterError, ControlError, RobotError, RealTimeError
         A parameter, robot or path file that cannot be used.
     MiddlewareError
         ROS cannot be started with these arguments.
@@ -70,7 +70,7 @@ def _check(arguments: Sequence[str]) -> None:
         NAME,
         "Model-based 500 Hz controller of a hydraulic manipulator. A lifecycle node: inactive it"
         " listens, active it answers every sample.",
-        [(p.name, f"{p.text}, {p.unit}" if p.unit else p.text, p.default) for p in PARAMETERS],
+        [(rule.name, rule.meaning, rule.default) for rule in PARAMETERS],
         arguments,
     )
 

@@ -6,38 +6,12 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from hydro_control.adaptation.adaptation_settings import KINDS, AdaptationSettings, kinds_of
-from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 from hydro_control.monitoring.following_error import FollowingLimits
 from hydro_control.monitoring.runaway import RunawayLimits
 from hydro_control.motion.motion_limits import TIP_SPEED_M_S
+from hydro_msgs_docs.node_parameters import ParameterRule, table_of, values_of
 from hydro_msgs_docs.real_time import OPTIONS, RealTimeOptions
-
-Value = str | int | float | bool
-
-
-@dataclass(frozen=True, slots=True)
-class Parameter:
-    """One ROS parameter.
-
-    Attributes
-    ----------
-    name : str
-    default : str, int, float or bool
-        Its type is the parameter's.
-    unit : str
-    text : str
-    lower, upper : float
-        Range of a number, both included; NaN where there is none.
-    """
-
-    name: str
-    default: Value
-    unit: str
-    text: str
-    lower: float = float("nan")
-    upper: float = float("nan")
-
 
 _GAINS = Gains()
 _ADAPT = AdaptationSettings()
@@ -45,11 +19,11 @@ _RUNAWAY = RunawayLimits()
 _FOLLOWING = FollowingLimits()
 
 PARAMETERS = (
-    Parameter("robot", "xs031", "", "a *.hydraulics.yaml or model.yaml, or a shipped robot"),
-    Parameter(
+    ParameterRule("robot", "xs031", "", "a *.hydraulics.yaml or model.yaml, or a shipped robot"),
+    ParameterRule(
         "path", "", "", "path file, or a shipped path, played after activation; empty: hold"
     ),
-    Parameter(
+    ParameterRule(
         "start_delay_s",
         1.0,
         "s",
@@ -57,7 +31,7 @@ PARAMETERS = (
         0,
         60,
     ),
-    Parameter(
+    ParameterRule(
         "required_recorders",
         0,
         "",
@@ -65,10 +39,10 @@ PARAMETERS = (
         0,
         16,
     ),
-    Parameter(
+    ParameterRule(
         "k_p_1_s", _GAINS.k_p_1_s, "1/s", "position error to required velocity (eq. 19)", 0, 100
     ),
-    Parameter(
+    ParameterRule(
         "k_v",
         _GAINS.k_v,
         "N m s and N s/m",
@@ -76,17 +50,17 @@ PARAMETERS = (
         0,
         1e6,
     ),
-    Parameter(
+    ParameterRule(
         "k_f_m2_ns", _GAINS.k_f_m2_ns, "m^2/(N s)", "force error to flow term (eq. 23)", 0, 1e-5
     ),
-    Parameter("k_x_m", _GAINS.k_x_m, "m", "piston velocity error to flow term (eq. 23)", 0, 1),
-    Parameter("alpha_q", _GAINS.alpha_q, "", "filter weight of joint position", 1e-3, 1),
-    Parameter("alpha_qd", _GAINS.alpha_qd, "", "filter weight of joint velocity", 1e-3, 1),
-    Parameter("alpha_p", _GAINS.alpha_p, "", "filter weight of chamber pressures", 1e-3, 1),
-    Parameter(
+    ParameterRule("k_x_m", _GAINS.k_x_m, "m", "piston velocity error to flow term (eq. 23)", 0, 1),
+    ParameterRule("alpha_q", _GAINS.alpha_q, "", "filter weight of joint position", 1e-3, 1),
+    ParameterRule("alpha_qd", _GAINS.alpha_qd, "", "filter weight of joint velocity", 1e-3, 1),
+    ParameterRule("alpha_p", _GAINS.alpha_p, "", "filter weight of chamber pressures", 1e-3, 1),
+    ParameterRule(
         "alpha_fd", _GAINS.alpha_fd, "", "filter weight of the required force's rate", 1e-3, 1
     ),
-    Parameter(
+    ParameterRule(
         "slew_limit_v_s",
         _GAINS.slew_limit_v_s,
         "V/s",
@@ -94,7 +68,7 @@ PARAMETERS = (
         1,
         1e5,
     ),
-    Parameter(
+    ParameterRule(
         "tip_speed_limit_m_s",
         TIP_SPEED_M_S,
         "m/s",
@@ -102,7 +76,7 @@ PARAMETERS = (
         0.01,
         20,
     ),
-    Parameter(
+    ParameterRule(
         "fault_end_share",
         _RUNAWAY.end_share,
         "",
@@ -111,7 +85,7 @@ PARAMETERS = (
         1e-3,
         0.09,
     ),
-    Parameter(
+    ParameterRule(
         "fault_speed_factor",
         _RUNAWAY.speed_factor,
         "",
@@ -120,7 +94,7 @@ PARAMETERS = (
         1.1,
         10,
     ),
-    Parameter(
+    ParameterRule(
         "following_error_share",
         _FOLLOWING.error_share,
         "",
@@ -130,7 +104,7 @@ PARAMETERS = (
         0.005,
         1,
     ),
-    Parameter(
+    ParameterRule(
         "following_error_s",
         _FOLLOWING.time_s,
         "s",
@@ -138,13 +112,13 @@ PARAMETERS = (
         0.05,
         60,
     ),
-    Parameter(
+    ParameterRule(
         "adaptation",
         "",
         "",
         f"what is adapted online, some of: {', '.join(KINDS)}; empty: nothing",
     ),
-    Parameter(
+    ParameterRule(
         "adapt_payload_kg",
         _ADAPT.payload_kg,
         "kg",
@@ -152,10 +126,10 @@ PARAMETERS = (
         1,
         1e4,
     ),
-    Parameter(
+    ParameterRule(
         "adapt_coulomb_n", _ADAPT.coulomb_n, "N", "largest Coulomb friction of a cylinder", 1, 1e5
     ),
-    Parameter(
+    ParameterRule(
         "adapt_viscous",
         _ADAPT.viscous,
         "N s/m",
@@ -163,7 +137,7 @@ PARAMETERS = (
         1,
         1e6,
     ),
-    Parameter(
+    ParameterRule(
         "adapt_null_bias",
         _ADAPT.null_bias,
         "",
@@ -171,7 +145,7 @@ PARAMETERS = (
         1e-4,
         0.2,
     ),
-    Parameter(
+    ParameterRule(
         "adapt_ramp_s",
         _ADAPT.ramp_s,
         "s",
@@ -179,7 +153,7 @@ PARAMETERS = (
         0.1,
         60,
     ),
-    Parameter(
+    ParameterRule(
         "adapt_dead_zone_n",
         _ADAPT.dead_zone_n,
         "N",
@@ -187,77 +161,13 @@ PARAMETERS = (
         0,
         1e5,
     ),
-    *(
-        Parameter(o.name, o.default, "", o.text)
-        if o.low is None or o.high is None
-        else Parameter(o.name, o.default, "", o.text, o.low, o.high)
-        for o in OPTIONS
-    ),
+    *OPTIONS,
 )
 
 
 def markdown_table() -> str:
     """The parameters as a Markdown table, for the docs."""
-    lines = ["| parameter | type | default | range | unit | what |", "|---|---|---|---|---|---|"]
-    for p in PARAMETERS:
-        span = "" if p.lower != p.lower else f"{p.lower:g} to {p.upper:g}"
-        text = str(p.default)
-        text = text.lower() if isinstance(p.default, bool) else text
-        default = f"`{text}`" if text else "(empty)"
-        kind = {str: "string", int: "integer", float: "double", bool: "boolean"}[type(p.default)]
-        lines.append(f"| `{p.name}` | {kind} | {default} | {span} | {p.unit} | {p.text} |")
-    return "\n".join(lines) + "\n"
-
-
-def declare(node: Any) -> None:
-    """Declare the parameters on a node.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-
-    Raises
-    ------
-    ControlError
-        A given value has the wrong type or lies outside its range.
-    """
-    from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-    from rclpy.exceptions import (
-        InvalidParameterTypeException,
-        InvalidParameterValueException,
-        ParameterUninitializedException,
-    )
-
-    for p in PARAMETERS:
-        unit = f" [{p.unit}]" if p.unit else ""
-        descriptor = ParameterDescriptor(name=p.name, description=p.text + unit)
-        if type(p.default) is int:
-            span = IntegerRange(from_value=int(p.lower), to_value=int(p.upper), step=1)
-            descriptor.integer_range = [span]
-        elif isinstance(p.default, float):
-            limits = {"from_value": float(p.lower), "to_value": float(p.upper), "step": 0.0}
-            descriptor.floating_point_range = [FloatingPointRange(**limits)]
-        try:
-            node.declare_parameter(p.name, p.default, descriptor)
-        except (
-            InvalidParameterTypeException,
-            InvalidParameterValueException,
-            ParameterUninitializedException,
-        ) as error:
-            found = node._parameter_overrides.get(p.name)
-            value = "a wrong type" if found is None else repr(found.value)
-            raise ControlError(
-                f"parameter {p.name} should be {_expected(p)}, found {value}"
-            ) from error
-
-
-def _expected(p: Parameter) -> str:
-    if isinstance(p.default, str):
-        return "a text"
-    if isinstance(p.default, bool):
-        return "true or false"
-    kind = "an integer" if isinstance(p.default, int) else "a number with a decimal point"
-    return f"{kind} from {p.lower:g} to {p.upper:g}"
+    return table_of(PARAMETERS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,7 +217,7 @@ def read(node: Any) -> Settings:
     RealTimeError
         `cpu_affinity` is no list of cores.
     """
-    values = {p.name: node.get_parameter(p.name).value for p in PARAMETERS}
+    values = values_of(node, PARAMETERS)
     return Settings(
         robot=values["robot"],
         path=values["path"],

@@ -35,7 +35,7 @@ def _parser() -> argparse.ArgumentParser:
     from hydro_hw_bridge.node.parameters import PARAMETERS
 
     width = max(len(rule.name) for rule in PARAMETERS)
-    lines = [f"  {rule.name:{width}}  {rule.text} [{rule.default}]" for rule in PARAMETERS]
+    lines = [f"  {rule.name:{width}}  {rule.meaning} [{rule.default}]" for rule in PARAMETERS]
     return Parser(
         prog=NAME,
         description="CAN to ROS and back. A lifecycle node: inactive reads and publishes,"

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
 from hydro_hw_bridge.bus.bus import Bus
@@ -18,6 +16,7 @@ from hydro_hw_bridge.protocol.calibration import Calibration, load_calibration, 
 from hydro_hw_bridge.protocol.codec import Codec
 from hydro_hw_bridge.protocol.mapping import BusMapping
 from hydro_model.robot import Robot
+from hydro_msgs_docs.node_parameters import ParameterError, declare, values_of
 from hydro_msgs_docs.real_time import RealTime
 
 
@@ -54,22 +53,15 @@ def declared(node: Node) -> Settings:
     Raises
     ------
     BridgeError
-        A value is of another type, out of range or none of the choices.
+        A value is of another type or out of range, in rclpy's words.
+    ParameterError, BridgeError, RealTimeError
+        As of `settings_from`.
     """
-    values = {}
-    for rule in PARAMETERS:
-        descriptor = ParameterDescriptor(description=rule.text, read_only=True)
-        if type(rule.default) is int and rule.low is not None and rule.high is not None:
-            steps = IntegerRange(from_value=int(rule.low), to_value=int(rule.high), step=1)
-            descriptor.integer_range = [steps]
-        elif rule.low is not None and rule.high is not None:
-            span = FloatingPointRange(from_value=rule.low, to_value=rule.high, step=0.0)
-            descriptor.floating_point_range = [span]
-        try:
-            values[rule.name] = node.declare_parameter(rule.name, rule.default, descriptor).value
-        except ParameterException as error:
-            raise BridgeError(" ".join(str(error).split())) from error
-    return settings_from(values)
+    try:
+        declare(node, PARAMETERS, read_only=True)
+    except ParameterError as error:
+        raise BridgeError(" ".join(str(error.__cause__).split())) from error
+    return settings_from(values_of(node, PARAMETERS))
 
 
 def loaded_calibration(settings: Settings) -> Calibration | None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from hydro_hw_bridge.node.parameters import PARAMETERS, parameter_table
+from hydro_hw_bridge.node.parameters import PARAMETERS, markdown_table
 
 pytestmark = pytest.mark.ros
 
@@ -46,6 +46,6 @@ def test_help_names_every_parameter(executable: str) -> None:
     assert done.returncode == 0
     for rule in PARAMETERS:
         assert rule.name in done.stdout
-        assert f"`{rule.name}`" in parameter_table()
+        assert f"`{rule.name}`" in markdown_table()
     wrong = subprocess.run([executable, "--wrong"], capture_output=True, text=True, check=False)
     assert wrong.returncode == 2

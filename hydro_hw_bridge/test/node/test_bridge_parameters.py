@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.node.parameters import PARAMETERS, ParameterRule
+from hydro_hw_bridge.node.parameters import PARAMETERS
+from hydro_msgs_docs.node_parameters import ParameterRule
 
 pytestmark = pytest.mark.ros
 CLEANUP, ACTIVATE, DEACTIVATE = 2, 3, 4
@@ -21,9 +22,7 @@ def another(rule: ParameterRule, now: str | float | int | bool) -> str | float |
         return not now
     if isinstance(now, str):
         return next((choice for choice in rule.choices if choice != now), f"{now}_2")
-    assert rule.low is not None
-    assert rule.high is not None
-    return type(now)(rule.low if rule.low != now else rule.high)
+    return type(now)(rule.lower if rule.lower != now else rule.upper)
 
 
 class Remote:
