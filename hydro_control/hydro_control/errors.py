@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hydro_model.command_line.command import printable
-from hydro_model.errors import HydroError
+from hydro_model.errors import HydroError, printable
 
 
 class ControlError(HydroError):

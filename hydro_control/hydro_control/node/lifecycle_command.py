@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from hydro_control.errors import ControlError
-from hydro_model.command_line.command import Parser, printable, run_command
+from hydro_model.command_line.command import Parser, run_command
 from hydro_model.command_line.output import add_json, report
+from hydro_model.errors import printable
 from hydro_msgs_docs.middleware import start_ros
 
 #: Time without an answer after which a node is asked again.

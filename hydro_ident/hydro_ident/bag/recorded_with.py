@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hydro_model.command_line.command import printable
 from hydro_model.description.safe_yaml import UnusableYamlError, parse
+from hydro_model.errors import printable
 
 #: Files between a sensor and its readings: with another one they are others.
 _OF_READINGS = ("calibration", "mapping", "dbc")

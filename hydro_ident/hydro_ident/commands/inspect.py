@@ -8,9 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hydro_model.command_line.command import Parser, printable, run_command
+from hydro_model.command_line.command import Parser, run_command
 from hydro_model.command_line.output import add_json, report
 from hydro_model.command_line.terminal import advance, coloured, progress_bar
+from hydro_model.errors import printable
 
 if TYPE_CHECKING:
     from hydro_ident.inspecting.health import Finding

@@ -11,7 +11,7 @@ from datetime import datetime
 from pathlib import Path
 
 from hydro_ident.identify.results import RESULT_FILE
-from hydro_model.command_line.command import printable
+from hydro_model.errors import printable
 
 
 def earlier_result(folder: Path) -> str:

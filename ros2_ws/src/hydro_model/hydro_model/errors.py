@@ -35,6 +35,21 @@ def in_short(error: Exception, most: int = 100) -> str:
     return "".join(c if c.isprintable() else "?" for c in line)
 
 
+def printable(text: str) -> str:
+    """A text in one line, with whatever commands a terminal or cannot be printed escaped.
+
+    Examples
+    --------
+    >>> printable("a\\x1b[2J")
+    'a\\\\x1b[2J'
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text
+    )
+
+
 class RobotError(HydroError):
     """A robot description that is missing, malformed or contradicts itself."""
 

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NoReturn
 
 from hydro_model.command_line.terminal import coloured
-from hydro_model.errors import HydroError
+from hydro_model.errors import HydroError, printable
 
 Main = Callable[[Sequence[str]], int]
 
@@ -76,21 +76,6 @@ def _options(parser: argparse.ArgumentParser) -> set[str]:
             for sub in action.choices.values():
                 found |= _options(sub)
     return found
-
-
-def printable(text: str) -> str:
-    """A text in one line, with whatever commands a terminal or cannot be printed escaped.
-
-    Examples
-    --------
-    >>> printable("a\\x1b[2J")
-    'a\\\\x1b[2J'
-    """
-    if text.isprintable():
-        return text
-    return "".join(
-        c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text
-    )
 
 
 def warn(name: str, warnings: Iterable[str]) -> None:
