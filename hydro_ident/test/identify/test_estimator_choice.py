@@ -110,14 +110,15 @@ def test_every_estimator_agrees_on_good_data(
 
 
 @pytest.mark.thorough
-def test_bags_of_unlike_noise_are_weighted_by_it(robot: Robot) -> None:
+@pytest.mark.parametrize(("times", "most"), [(10.0, 1.15), (100.0, 1.35)])
+def test_bags_of_unlike_noise_are_weighted_by_it(robot: Robot, times: float, most: float) -> None:
+    """Weights rest on a fit in which both count alike, so that a very loud bag costs a little."""
     quiet = synthetic_recording(robot, 20.0, 1, Noise(force_n=50.0))
-    loud = replace(
-        synthetic_recording(robot, 20.0, 1, Noise(force_n=5000.0)), path=quiet.path / "b"
-    )
+    loud = synthetic_recording(robot, 20.0, 1, Noise(force_n=50.0 * times))
+    loud = replace(loud, path=quiet.path / "b")
     settings = Settings(hold_out_every=0, estimator="wls")
     alone, both = (identify(robot, b, settings=settings) for b in ([quiet], [quiet, loud]))
     for a, b in zip(alone.parameters, both.parameters, strict=True):
         if a.identifiable and "_link" in a.name:
-            assert b.std < 1.25 * a.std, a.name
-            assert abs(a.value - b.value) < 1.5 * a.std, a.name
+            assert b.std < most * a.std, a.name
+            assert abs(a.value - b.value) < a.std, a.name

@@ -7,6 +7,7 @@ take the slow forces for itself. It enters the covariance alone.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,8 @@ from hydro_ident.estimate.statistics.noise_model import RANK
 from hydro_ident.estimate.statistics.solution import (
     Estimator,
     Solution,
-    shared_levels,
+    levels,
+    pooled_levels,
     with_noise,
 )
 from hydro_model.robot import FloatArray
@@ -27,11 +29,14 @@ __all__ = [
     "instrumental_parameters",
     "misfit",
     "plain_parameters",
+    "recording_weights",
     "solve_iv",
     "solve_ols",
     "solve_wls",
     "stacked_columns",
 ]
+
+_Solve = Callable[[Blocks, FloatArray], Estimator]
 
 #: Passes that find the size of each channel's residual.
 _WEIGHT_PASSES = 6
@@ -41,7 +46,7 @@ _WEAK = 1.0e-5
 
 
 def solve_wls(blocks: Blocks, excess: float = 0.0) -> Solution:
-    """Every channel of every recording weighted by its residual (`shared_levels`).
+    """Every channel of every recording weighted by its residual (`recording_weights`).
 
     Parameters
     ----------
@@ -54,10 +59,7 @@ def solve_wls(blocks: Blocks, excess: float = 0.0) -> Solution:
     Solution
     """
     unit, norms = unit_columns(blocks)
-    weight, estimator = np.ones(len(unit.labels)), _least_squares(unit, np.ones(len(unit.labels)))
-    for _ in range(_WEIGHT_PASSES):
-        weight = 1.0 / shared_levels(unit, estimator.theta) ** 2
-        estimator = _least_squares(unit, weight)
+    estimator = _least_squares(unit, recording_weights(unit))
     return _scaled(with_noise(unit, replace(estimator, excess=excess), unit.far), norms)
 
 
@@ -88,15 +90,30 @@ def solve_iv(blocks: Blocks, excess: float = 0.0) -> Solution:
     unit, norms = unit_columns(blocks)
     if unit.z is None or unit.far_z is None:
         raise IdentError("no instruments: expected recorded joint references")
-    theta = _least_squares(unit, np.ones(len(unit.labels))).theta
-    estimator = None
-    for _ in range(_WEIGHT_PASSES):
-        weight = 1.0 / shared_levels(unit, theta) ** 2
-        estimator = _instrumental(unit, weight)
-        theta = estimator.theta
-    if estimator is None:
-        raise IdentError("no pass was made")
+    estimator = _instrumental(unit, recording_weights(unit, _instrumental))
     return _scaled(with_noise(unit, replace(estimator, excess=excess), unit.far_z), norms)
+
+
+def recording_weights(unit: Blocks, solve: _Solve | None = None) -> FloatArray:
+    """Weights by residuals, (G,): of channels as they settle, of recordings once.
+
+    Weights by each recording's own residual feed on themselves as soon as physics is left out: the
+    recording that is fitted a little better gains weight, until the others count for nothing (two
+    loads at the tip), and one at rest, which shows hardly any of it, takes all. So a recording is
+    weighed by what is left of it where all of its channel and rate count alike: a noisier one
+    counts less, and none decides alone.
+
+    Parameters
+    ----------
+    unit : Blocks
+    solve : callable, optional
+        Of an estimate under given weights; least squares by default.
+    """
+    solve = solve or _least_squares
+    theta = _least_squares(unit, np.ones(len(unit.labels))).theta
+    for _ in range(_WEIGHT_PASSES - 1):
+        theta = solve(unit, 1.0 / pooled_levels(unit, theta) ** 2).theta
+    return np.asarray(1.0 / levels(unit, theta) ** 2)
 
 
 def plain_parameters(blocks: Blocks, weight: FloatArray) -> FloatArray:

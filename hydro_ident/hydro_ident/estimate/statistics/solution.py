@@ -96,14 +96,10 @@ def levels(unit: Blocks, theta: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(squares, floor) / np.maximum(unit.count, 1.0)))
 
 
-def shared_levels(unit: Blocks, theta: FloatArray) -> FloatArray:
-    """Those that weigh the groups, (G,): none below its channel's over recordings of one rate.
+def pooled_levels(unit: Blocks, theta: FloatArray) -> FloatArray:
+    """Those of each group's channel over all recordings of one rate, (G,).
 
-    Weights by each recording's own residual alone feed on themselves as soon as physics is left
-    out: the recording that is fitted a little better gains weight, until the others count for
-    nothing (two loads at the tip), and one at rest, which shows hardly any of it, takes all. One
-    that is clearly worse than the others counts less. A slow log, whose windows have errors of
-    their own, is one of another rate.
+    A slow log, whose windows have errors of their own, is one of another rate.
 
     Parameters
     ----------
@@ -112,7 +108,7 @@ def shared_levels(unit: Blocks, theta: FloatArray) -> FloatArray:
     """
     own, pool = levels(unit, theta), _pools(unit)
     squares, count = (np.bincount(pool, v) for v in (own**2 * unit.count, unit.count))
-    return np.asarray(np.maximum(own, np.sqrt(squares / np.maximum(count, 1.0))[pool]))
+    return np.asarray(np.sqrt(squares / np.maximum(count, 1.0))[pool])
 
 
 def _pools(unit: Blocks) -> NDArray[np.intp]:
