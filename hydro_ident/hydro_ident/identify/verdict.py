@@ -17,6 +17,7 @@ from hydro_ident.estimate.flows.cylinder_fit import CylinderFit
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit
 from hydro_ident.estimate.forces.inertial import InertialFit
 from hydro_ident.identify.continuity import Continuity, broken_up, partly_read
+from hydro_ident.inspecting.mistaken_pressures import CONTRACT, mistaken_notes
 from hydro_model.description.robot_checks import LIMITS_SLACK
 from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.multibody.base_parameters import base_map
@@ -107,7 +108,7 @@ def judge(
     Judgement
     """
     # First of all: the likeliest reason of whatever else is wrong.
-    others = recorded_as_others(recordings)
+    others = [*mistaken_notes(recordings), *recorded_as_others(recordings)]
     wrong = wrong_robot(robot, recordings)
     if wrong:
         return Judgement(NOT_ENOUGH, (*others, *wrong))
@@ -119,6 +120,17 @@ def judge(
     if not enough:
         return Judgement(NOT_ENOUGH, tuple(problems))
     return Judgement(PARTLY if problems else IDENTIFIED, tuple(problems))
+
+
+def spoils_all(text: str) -> bool:
+    """Whether a sentence says that nothing of a recording holds of the machine.
+
+    Parameters
+    ----------
+    text : str
+        That it names another robot, that its pressures are in another unit, or anything else.
+    """
+    return RECORDED_AS in text or CONTRACT in text
 
 
 def wrong_robot(robot: Robot, recordings: Sequence[Recording]) -> list[str]:

@@ -12,6 +12,7 @@ from hydro_ident.bag.gaps import GapCount
 from hydro_ident.bag.reading_rate import SecondLook
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.stamp_jitter import StampJitter
+from hydro_ident.inspecting.mistaken_pressures import mistaken_pressures
 from hydro_ident.inspecting.signal_look import FULL_SHARE, SignalLook, look_at, parts_of
 
 #: A noisy transducer never repeats its reading this long, an encoder not while its valve is open.
@@ -35,9 +36,9 @@ class Finding:
     signal : str
         What it is about, e.g. `lift_cylinder/a`.
     kind : str
-        `stuck`, `saturated`, `limit`, `range`, `not_finite`, `latched`, `interpolated`, `held`,
-        `jitter`, `gap`, or `other`: the bag names another robot, or was recorded with another
-        calibration or mapping than the first of several.
+        `unit`, `stuck`, `saturated`, `limit`, `range`, `not_finite`, `latched`, `interpolated`,
+        `held`, `jitter`, `gap`, or `other`: the bag names another robot, or was recorded with
+        another calibration or mapping than the first of several.
     text : str
         In words, with numbers.
     harmless : bool
@@ -101,6 +102,7 @@ def irregularities(
         *_jitter(jitter),
         *_latched(look, period_s),
         *_joints(look, period_s),
+        *_units(look, dead),
         *_pressures(look, period_s, dead),
         *_valves(look, period_s),
     ]
@@ -166,6 +168,11 @@ def _joints(look: SignalLook, period_s: float) -> Iterator[Finding]:
             held = look.held["q"][i]
             when = " although its valve was open"
             yield from _stuck(look, joint.name, (held.longest, held.since_ns), period_s, when)
+
+
+def _units(look: SignalLook, dead: Mapping[str, float]) -> list[Finding]:
+    found = mistaken_pressures(look.robot, look.spans, dead)
+    return [] if found is None else [Finding(found[0], "unit", found[1])]
 
 
 def _pressures(look: SignalLook, period_s: float, dead: Mapping[str, float]) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""Numbers of a converted log that no machine of the mapping's robot has: units that were mistaken.
+"""Numbers of a log or a recording that no machine of its robot has: units that were mistaken.
 
 Usual units of one quantity are ten or more apart (bar and MPa; psi and bar 14.5), so that wide
 limits find every one of them; bar for atm or kgf/cm2 they do not. Positions are held against the
@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from hydro_ident.logs.units import UNITS
 from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import FloatArray
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, VALVE_COMMAND, VALVE_STATE
@@ -21,6 +22,8 @@ _PRESSURE_UNDER, _PRESSURE_OVER = 0.15, 2.0
 #: Shares of a valve's rated signal.
 _SIGNAL_UNDER, _SIGNAL_OVER = 0.01, 1.5
 _BAR = 1e5
+#: What a reading of pressure that is not in Pa is usually in; others are like bar.
+_USUAL = ("bar", "kPa", "MPa", "psi")
 #: Below it a cylinder has no rod side: a plunger.
 _SMALLEST_M2 = 1e-9
 
@@ -43,7 +46,7 @@ def unit_warnings(robot: Robot | None, fields: Mapping[str, Iterable[FloatArray]
         return []
     found = []
     largest = _largest(fields.get(CHAMBER_PRESSURES, ()))
-    if largest is not None and robot.supply_pressure_pa > 0.0 and robot.cylinders:
+    if largest is not None:
         found += _of_pressures(robot, largest - robot.atmospheric_pressure_pa)
     rated = max((valve.rated_voltage_v for valve in robot.valves), default=0.0)
     for topic, section in ((VALVE_STATE, "valves"), (VALVE_COMMAND, "valve_commands")):
@@ -58,11 +61,51 @@ def unit_warnings(robot: Robot | None, fields: Mapping[str, Iterable[FloatArray]
     return found
 
 
-def _of_pressures(robot: Robot, largest_pa: float) -> list[str]:
+def pressure_reach_pa(robot: Robot) -> tuple[float, float] | None:
+    """Within what the largest pressure of a machine is while its pump is on.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Returns
+    -------
+    pair of float or None
+        Pa gauge; None where the robot file tells nothing of it.
+    """
     supply = robot.supply_pressure_pa
+    if supply <= 0.0 or not robot.cylinders:
+        return None
     ratio = max(c.area_a_m2 / max(c.area_b_m2, _SMALLEST_M2) for c in robot.cylinders)
-    if _PRESSURE_UNDER * supply <= largest_pa <= _PRESSURE_OVER * ratio * supply:
+    return _PRESSURE_UNDER * supply, _PRESSURE_OVER * ratio * supply
+
+
+def pressure_units(robot: Robot, largest: float) -> list[str]:
+    """In which other units than Pa a number may be the largest pressure of a machine.
+
+    Parameters
+    ----------
+    robot : Robot
+    largest : float
+
+    Returns
+    -------
+    list of str
+        The one that brings it nearest to the robot's supply first.
+    """
+    reach = pressure_reach_pa(robot)
+    if reach is None or largest <= 0.0:
         return []
+    pa = {unit: largest * UNITS["pressure"][unit] for unit in _USUAL}
+    fitting = [unit for unit in _USUAL if reach[0] <= pa[unit] <= reach[1]]
+    return sorted(fitting, key=lambda unit: abs(np.log(pa[unit] / robot.supply_pressure_pa)))
+
+
+def _of_pressures(robot: Robot, largest_pa: float) -> list[str]:
+    reach = pressure_reach_pa(robot)
+    if reach is None or reach[0] <= largest_pa <= reach[1]:
+        return []
+    supply = robot.supply_pressure_pa
     return [
         f"pressures: expected up to about {supply / _BAR:.4g} bar gauge, the supply of"
         f" {robot.name}, found at most {largest_pa / _BAR:.4g} bar: is the unit another one"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from hydro_ident.identify.channel_scores import LEFT_OUT
-from hydro_ident.identify.verdict import RECORDED_AS
+from hydro_ident.identify.verdict import spoils_all
 from hydro_ident.mismatch.answer.diagnosis_file import finding_dict
 from hydro_ident.mismatch.answer.outcome import (
     EXPLAINED,
@@ -188,7 +188,7 @@ def _left_out(found: Diagnosis) -> list[str]:
 
 
 def _sure(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
-    lines = [f"{note[0].upper()}{note[1:]}." for note in found.notes if RECORDED_AS in note]
+    lines = [f"{note[0].upper()}{note[1:]}." for note in found.notes if spoils_all(note)]
     lines += health_line(found.recordings)
     if found.verdict == NOT_ENOUGH:
         return [*lines, *loss_line(found.losses)] or ["Not at all."]
@@ -270,7 +270,7 @@ def _next(found: Diagnosis) -> list[str]:
             f"Look at {shortened(where)} under 'Residuals against what matters': what is it that"
             " follows this variable? Do not trust the model there."
         )
-    if found.findings and not any(RECORDED_AS in note for note in found.notes):
+    if found.findings and not any(spoils_all(note) for note in found.notes):
         lines.append(DRIVE)
     if found.verdict in (MATCHES, NO_IMPROVEMENT):
         lines.append("Keep the model.")

@@ -8,7 +8,7 @@ from hydro_ident.identify.consistent_robot import impossible
 from hydro_ident.identify.identification import Identification
 from hydro_ident.identify.model_error import left_out
 from hydro_ident.identify.rejection import rejected_channels
-from hydro_ident.identify.verdict import IDENTIFIED, NOT_ENOUGH, RECORDED_AS
+from hydro_ident.identify.verdict import IDENTIFIED, NOT_ENOUGH, spoils_all
 from hydro_ident.parameters.parameters import Parameter
 from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.figure import unit_text
@@ -162,7 +162,7 @@ def _to_be_driven(found: Identification) -> bool:
     return (
         found.robot is not None
         and not impossible(found.physical)
-        and not any(RECORDED_AS in text for text in found.problems)
+        and not any(spoils_all(text) for text in found.problems)
         and rejected.isdisjoint(forces)
     )
 

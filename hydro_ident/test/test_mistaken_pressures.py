@@ -1,0 +1,128 @@
+"""Pressures in another unit than Pa are told; those of a machine whose pump is off are not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.bag.reader import read_bag
+from hydro_ident.bag.recording import recording_of
+from hydro_ident.commands.inspect import main
+from hydro_ident.identify.survey import recorded_notes, survey_source
+from hydro_ident.identify.verdict import judge, spoils_all
+from hydro_ident.inspecting.health import find_irregularities
+from hydro_ident.inspecting.mistaken_pressures import mistaken_notes
+from hydro_ident.recordings.sources import sources_of
+from hydro_ident.report.verdict_words import health_line
+from hydro_model.robot_files import load_robot
+
+ATMOSPHERE = 101325.0
+PRESSURES = "/chamber_pressures"
+Changed = Callable[[np.ndarray], np.ndarray]
+
+
+@pytest.fixture
+def found_in(write_bag, run_columns, robot):
+    """What is said of units in a run whose pressures were changed, and of how much it moved."""
+
+    def found(change: Changed, columns: slice = slice(None), moves: bool = True):
+        topics = run_columns(1500)
+        names, fields = topics[PRESSURES]
+        absolute = fields["effort"]
+        absolute[:, names.index("supply")] += robot.supply_pressure_pa - 5e6
+        absolute[:, columns] = change(absolute[:, columns])
+        if not moves:
+            topics["/joint_states"][1]["position"][:] = (0.8, -1.2)
+        recording = recording_of(read_bag(write_bag(topics)), robot)
+        return [f for f in find_irregularities(recording) if f.kind == "unit"]
+
+    return found
+
+
+@pytest.mark.parametrize(
+    ("change", "unit"),
+    [
+        (lambda pa: (pa - ATMOSPHERE) / 1e5, "bar"),
+        (lambda pa: pa / 1e5, "bar"),
+        (lambda pa: pa / 1e3, "kPa"),
+        (lambda pa: pa / 1e6, "MPa"),
+        (lambda pa: pa / 6894.757, "psi"),
+        (lambda pa: ATMOSPHERE + (pa - ATMOSPHERE) / 1e5, "bar"),
+        (lambda pa: ATMOSPHERE + (pa - ATMOSPHERE) / 1e3, "kPa"),
+    ],
+)
+def test_another_unit_is_told_as_what_it_looks_like(found_in, change, unit) -> None:
+    [found] = found_in(change)
+    assert found.signal == "pressures"
+    assert found.text.startswith(f"look like {unit}")
+    assert "expected up to about 1.91e+07 Pa, the supply of xs031" in found.text
+    assert "the contract has Pa absolute" in found.text
+    assert not found.harmless
+
+
+def test_where_all_are_in_bar_at_rest_no_vacuum_is_believed(found_in) -> None:
+    [found] = found_in(lambda pa: pa / 1e5, moves=False)
+    assert "nearly vacuum" in found.text
+
+
+@pytest.mark.parametrize(("columns", "signal"), [(slice(4), "chambers"), (slice(4, 5), "supply")])
+def test_what_alone_is_in_another_unit_is_told(found_in, columns, signal) -> None:
+    [found] = found_in(lambda pa: pa / 1e5, columns)
+    assert found.signal == signal
+
+
+@pytest.mark.parametrize(
+    ("change", "columns", "moves"),
+    [
+        (lambda pa: pa, slice(None), True),
+        # The pump is off: about the atmosphere, with zeros that are off by some of it.
+        (lambda pa: ATMOSPHERE + 1e-3 * (pa - 5e6), slice(None), False),
+        (lambda pa: ATMOSPHERE + 2e4 + 0.0 * pa, slice(None), False),
+        # It is off, recorded as gauge.
+        (lambda pa: 2e3 + 1e-2 * (pa - 5e6), slice(None), False),
+        # It is off and the arm sinks on what its chambers hold.
+        (lambda pa: ATMOSPHERE + 0.0 * pa, slice(4, None), True),
+        # The supply is not connected.
+        (lambda pa: 0.0 * pa, slice(4, 5), True),
+    ],
+)
+def test_a_machine_whose_pump_is_off_is_not_accused(found_in, change, columns, moves) -> None:
+    assert found_in(change, columns, moves) == []
+
+
+def test_inspect_asks_to_look_at_it(write_bag: Any, run_columns: Any, capsys: Any) -> None:
+    columns = run_columns(400)
+    columns[PRESSURES][1]["effort"][:] = 190.0
+    assert main([str(write_bag(columns, metadata={"robot": "xs031"}))]) == 0
+    said = capsys.readouterr().out
+    assert ": 1 to look at" in said
+    assert "CHECK   pressures: look like bar: at most 190 Pa absolute" in said
+
+
+def test_identify_and_diagnose_say_it_before_all_else(crane_run: Any) -> None:
+    robot, run = load_robot("xs031"), crane_run.recording("run")
+    wrong = {
+        name: None if (pa := getattr(run, name)) is None else pa / 1e5 - ATMOSPHERE
+        for name in ("p_a", "p_b", "supply", "tank")
+    }
+    bar = replace(run, **wrong)
+    assert mistaken_notes([run]) == []
+    [told] = mistaken_notes([run, bar])
+    assert told.startswith("run: pressures: look like bar: ")
+    assert judge(robot, [bar], None, None).problems[0] == told
+    notes = recorded_notes([survey_source(source, robot) for source in sources_of([bar])])
+    assert notes[0] == told
+    assert spoils_all(told)
+
+
+def test_a_strip_names_it(found_in: Any) -> None:
+    from types import SimpleNamespace
+
+    summary = SimpleNamespace(findings=tuple(found_in(lambda pa: pa / 1e5)))
+    assert health_line([summary]) == [  # type: ignore[list-item]
+        "The recordings are not clean (pressures unit): see data health first."
+    ]
