@@ -44,6 +44,8 @@ class ChannelRows:
         The channel's entry in the result file.
     rejected : bool
         `after` is of a fit that is not in the model.
+    counted : int
+        Rows that the summary is of: of long recordings more than are drawn; 0: as many.
     """
 
     name: str
@@ -57,6 +59,18 @@ class ChannelRows:
     speed_unit: str
     summary: Mapping[str, float | str]
     rejected: bool = False
+    counted: int = 0
+
+    @property
+    def count(self) -> int:
+        """Rows that the summary is of."""
+        return self.counted or self.time_s.size
+
+    @property
+    def seconds(self) -> float:
+        """How much recorded time the rows stand for, s: as many times their usual spacing."""
+        steps = np.diff(self.time_s)
+        return self.time_s.size * float(np.median(steps)) if steps.size else 0.0
 
     @property
     def remark(self) -> str:
@@ -123,6 +137,7 @@ def channel_rows(
     columns: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     speed: tuple[FloatArray | None, str, str],
     summary: Mapping[str, float | str],
+    counted: int = 0,
 ) -> ChannelRows:
     """Rows of a channel.
 
@@ -135,12 +150,13 @@ def channel_rows(
     speed : tuple
         Values (or None), name and unit.
     summary : mapping
+    counted : int
+        As of `ChannelRows`.
     """
     time_s, measured, before, after = columns
     values = np.full(time_s.shape, np.nan) if speed[0] is None else speed[0]
-    return ChannelRows(
-        *names, one_after_another(time_s), measured, before, after, values, *speed[1:], summary
-    )
+    shown = one_after_another(time_s), measured, before, after, values
+    return ChannelRows(*names, *shown, *speed[1:], summary, counted=counted)
 
 
 def joint_speed(robot: Robot, joint: str) -> tuple[str, str]:

@@ -14,8 +14,10 @@ from hydro_model.robot import FloatArray
 
 #: Half width of a 95 % band, in deviations.
 _WIDTH = 1.96
-#: Longest lag, and fewest rows to correlate.
-_LONGEST_S, _FEWEST = 1.0, 40
+#: Longest lag.
+_LONGEST_S = 1.0
+#: Fewest rows to correlate; figures of fewer are said to rest on few.
+FEWEST_ROWS = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,15 +103,15 @@ def why_none(values: FloatArray, what: str) -> str:
     known = values[np.isfinite(values)]
     if not known.size:
         return f"{what} is not known"
-    if known.size < _FEWEST:
-        return f"{known.size} rows, fewer than the {_FEWEST} that a correlation takes"
+    if known.size < FEWEST_ROWS:
+        return f"{known.size} rows, fewer than the {FEWEST_ROWS} that a correlation takes"
     return f"{what} never changes" if float(known.std()) <= 0.0 else ""
 
 
 def _grid(time_s: FloatArray, values: FloatArray) -> tuple[_Series, float, int] | None:
     """Values on even times, less their mean and over their deviation, with zeros in the gaps."""
     known = np.isfinite(values)
-    if int(known.sum()) < _FEWEST:
+    if int(known.sum()) < FEWEST_ROWS:
         return None
     time_s, values = time_s[known], values[known]
     steps = np.diff(time_s)

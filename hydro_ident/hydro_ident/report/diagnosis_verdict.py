@@ -28,6 +28,7 @@ from hydro_ident.report.verdict_words import (
     DRIVE,
     NEAR_NOISE,
     error_line,
+    few_rows,
     free_run_line,
     health_line,
     limited,
@@ -115,7 +116,7 @@ def _differs(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
     lines = [_ERRORS]
     lines += [
         f"{name} is off by {_with_unit(sizes[name][1], sizes[name][0].unit)},"
-        f" {off[name]:.0f} times sensor noise alone."
+        f" {off[name]:.0f} times sensor noise alone{few_rows(sizes[name][0])}."
         for name in worst[:_WORST]
     ]
     if len(worst) > _WORST:

@@ -84,6 +84,7 @@ def _rows(found: Identification, channels: Sequence[ChannelScore]) -> list[Chann
             (one.time_s, one.measured, one.before, one.after),
             (one.speed, *joint_speed(found.given, one.name.split("/")[0])),
             one.summary(),
+            0 if one.tally is None else one.tally.count,
         )
         for one in channels
     ]

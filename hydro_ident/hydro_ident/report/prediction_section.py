@@ -8,6 +8,7 @@ from html import escape
 import numpy as np
 
 from hydro_ident.report.channel_rows import LONGEST_STOP_S, REJECTED, ChannelRows
+from hydro_ident.report.correlation import FEWEST_ROWS
 from hydro_ident.report.figure import APART_S, Axis, Figure, band, line, unit_text
 from hydro_ident.report.page import Row, Section, also, folded, number, paragraph, table
 from hydro_ident.report.palette import BEFORE, INK, joint_colour
@@ -15,12 +16,14 @@ from hydro_ident.report.palette import BEFORE, INK, joint_colour
 _HEAD = (
     "channel",
     "unit",
+    "rows",
     "error before",
     "error after",
     "sensor noise alone",
     "fit before %",
     "fit after %",
-    "training: before",
+    "training: rows",
+    "before",
     "after",
 )
 
@@ -46,6 +49,12 @@ def prediction_section(
         " no part in the fit; a model that does much better on training rows than on these has"
         " learnt noise. Errors are root mean squares."
     )
+    few = [one.name for one in held_out if 0 < one.count < FEWEST_ROWS]
+    if few:
+        lead += (
+            f" Of {', '.join(few)} they are of fewer than {FEWEST_ROWS} held-out rows and hang on"
+            " chance: a longer recording, or whole ones to check on (`--validate`), give more."
+        )
     if any(one.rejected for one in (*held_out, *fitted)):
         lead += (
             f" What is marked as {REJECTED} is what the rejected fit predicts: the robot file's"
@@ -90,13 +99,18 @@ def _table(
         if first is None:
             continue
         keys = ("rmse_before", "rmse_after", "noise_floor", "fit_before_pct", "fit_after_pct")
-        cells = [number(one.value(k)) if one else "–" for k in keys]
-        cells += [number(other.value(k)) if other else "–" for k in keys[:2]]
+        cells = [_rows(one), *(number(one.value(k)) if one else "–" for k in keys)]
+        cells += [_rows(other), *(number(other.value(k)) if other else "–" for k in keys[:2])]
         dot = joint_colour(joints, first.joint)
         texts = (name, unit_text(first.unit), *cells)
         below = "; ".join(filter(None, (_as_people_tell(one, other), first.remark)))
         rows.append(Row(texts, below=below, dot=dot, off=first.rejected))
     return table(_HEAD, rows)
+
+
+def _rows(one: ChannelRows | None) -> str:
+    """How many rows figures are of, and how long these take together."""
+    return "–" if one is None else f"{one.count} ({number(one.seconds, 2)} s)"
 
 
 def _as_people_tell(held_out: ChannelRows | None, fitted: ChannelRows | None) -> str:

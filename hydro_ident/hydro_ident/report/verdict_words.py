@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from hydro_ident.identify.recording_summary import RecordingSummary
 from hydro_ident.identify.verdict import BagLoss
 from hydro_ident.report.channel_rows import ChannelRows
+from hydro_ident.report.correlation import FEWEST_ROWS
 from hydro_ident.report.figure import unit_text
 from hydro_ident.report.page import also, number, percent
 from hydro_ident.rollouts.free_run import FreeRun
@@ -32,6 +33,19 @@ def plain(name: str) -> str:
     return words
 
 
+def few_rows(one: ChannelRows) -> str:
+    """What is put behind a channel's figures that rest on few rows; empty where they are enough.
+
+    Parameters
+    ----------
+    one : ChannelRows
+    """
+    if not 0 < one.count < FEWEST_ROWS:
+        return ""
+    plural = "" if one.count == 1 else "s"
+    return f", of {one.count} row{plural} ({number(one.seconds, 2)} s) alone"
+
+
 def error_line(channels: Sequence[ChannelRows]) -> list[str]:
     """How much better the model's channels are predicted: most and least."""
     known = [c for c in channels if c.value("rmse_before") > 0.0 and not c.rejected]
@@ -45,22 +59,25 @@ def error_line(channels: Sequence[ChannelRows]) -> list[str]:
     told = f"{told}; " if told else ""
     line = (
         f"On rows that took no part, the error changes most in {best.name}: from {a} to {b}"
-        f" {unit_text(best.unit)} ({told}sensor noise alone: {n})"
+        f" {unit_text(best.unit)} ({told}sensor noise alone: {n}){few_rows(best)}"
     )
     if len(known) == 1:
         return [f"{line}."]
     told = "where it is unchanged" if percent(share) == percent(1.0) else f"to {percent(share)}"
-    return [f"{line}; least in {least.name}, {told}."]
+    return [f"{line}; least in {least.name}{few_rows(least)}, {told}."]
 
 
 def most_left(channels: Sequence[ChannelRows]) -> tuple[str, float]:
-    """The channel that is furthest above its sensors' noise, and how many times; nothing, 0."""
-    ratios = {
-        c.name: c.value("rmse_after") / c.value("noise_floor")
+    """The channel that is furthest above its sensors' noise, and how many times; nothing, 0.
+
+    Beside its name stands where this is of few rows.
+    """
+    ratios = [
+        (c.name + few_rows(c), c.value("rmse_after") / noise)
         for c in channels
-        if c.value("noise_floor") > 0.0
-    }
-    return max(ratios.items(), key=lambda one: one[1], default=("", 0.0))
+        if (noise := c.value("noise_floor")) > 0.0
+    ]
+    return max(ratios, key=lambda one: one[1], default=("", 0.0))
 
 
 def noise_line(channels: Sequence[ChannelRows]) -> list[str]:
