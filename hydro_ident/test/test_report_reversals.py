@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -46,7 +48,7 @@ def test_a_long_rest_between_two_motions_is_no_reversal() -> None:
 def test_training_rows_are_shown_where_held_out_rows_never_turn() -> None:
     body = shown([channel(1.0, turns=False)], [channel(1.0)])
     assert "reversal at 4.5 s, training rows</figcaption>" in body
-    assert "No reversal" not in body
+    assert "No close-up" not in body
 
 
 def test_held_out_rows_come_first() -> None:
@@ -59,9 +61,18 @@ def test_training_rows_alone_have_close_ups() -> None:
     assert "reversal at 4.5 s, training rows" in shown([], [channel(1.0)])
 
 
+def test_a_channel_without_rows_at_a_turn_does_not_deny_the_turn_of_its_neighbour() -> None:
+    turning = replace(channel(1.0), name="lift/flow_a")
+    body = shown([channel(1.0, turns=False), turning], [])
+    assert "lift: flow into chamber A, reversal at 4.5 s" in body
+    assert "lift/force has no held-out rows on both sides of a turn" in body
+    assert "nowhere" not in body
+
+
 def test_why_there_is_no_close_up_is_said() -> None:
     straight = channel(1.0, turns=False)
-    assert "No reversal in the held-out rows or training rows:" in shown([straight], [straight])
-    assert "No reversal in the training rows:" in shown([], [straight])
+    told = "No close-up of a reversal: lift/force has no {} on both sides of a turn"
+    assert told.format("held-out rows or training rows") in shown([straight], [straight])
+    assert told.format("training rows") in shown([], [straight])
     unknown = channel(1.0, known=False)
     assert "the motion of the held-out rows is not known" in shown([unknown], [])

@@ -166,9 +166,10 @@ def _turns(held_out: ChannelRows | None, fitted: ChannelRows | None, colour: str
     kinds = " or ".join(kind for kind, _ in there)
     if not any(np.isfinite(one.speed).any() for _, one in there):
         return paragraph(f"No close-up of a reversal: the motion of the {kinds} is not known.")
+    name = there[0][1].name
     return paragraph(
-        f"No reversal in the {kinds}: nowhere does the motion turn with a stop of at most"
-        f" {LONGEST_STOP_S:g} s between."
+        f"No close-up of a reversal: {name} has no {kinds} on both sides of a turn with a stop of"
+        f" at most {LONGEST_STOP_S:g} s. Other channels of the joint may."
     )
 
 
