@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.commands.diagnose import _finding_lines
+from hydro_ident.report.diagnosis_report import _other_law
 from hydro_ident.report.diagnosis_verdict import _size
 from hydro_ident.report.found_words import corners
 from hydro_ident.report.model_parameters import finding_rows
@@ -59,6 +60,32 @@ def test_one_that_may_ring_is_told_by_its_own_numbers() -> None:
     assert corners(data | {"parameters": data["parameters"][:1]}) == []
     (unfitted,) = corners(data | {"covariance": {"names": [], "values": []}})
     assert unfitted["std"] is None
+
+
+def test_the_table_has_the_law_that_stands_in_the_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    named = {"name": "coulomb_friction.force", "value": 4074.0, "std": 200.0, "unit": "N"}
+    data = _finding(1.0, 0.5) | {
+        "names": ["coulomb_friction", "presliding_friction"],
+        "modelled_as": "presliding_friction", "parameters": [named], "equation": "tanh",
+    }  # fmt: skip
+    own = {
+        "equation": "bristles", "covariance": {"names": [], "values": []},
+        "parameters": [named | {"name": "presliding_friction.force", "value": 4075.3}],
+    }  # fmt: skip
+    monkeypatch.setattr("hydro_ident.report.model_parameters.finding_dict", lambda *_: data)
+    monkeypatch.setattr("hydro_ident.report.model_parameters.law_of_model", lambda *_: own)
+    (row,) = finding_rows(SimpleNamespace(), None, {})  # type: ignore[arg-type]
+    assert (row.name, row.value) == ("presliding friction: force", 4075.3)
+    assert row.below == (
+        "lift cylinder; bristles; in the model for what is named Coulomb friction"
+    )
+    assert _other_law(data, "presliding_friction") == [
+        ("its numbers, not in model.yaml", "force 4074 N"),
+        ("law in model.yaml", "presliding friction"),
+    ]
+    assert _other_law(data | own, "presliding_friction") == [
+        ("law in model.yaml", "presliding friction")
+    ]
 
 
 def test_text_and_report_give_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -142,15 +142,31 @@ def _unexercised(found: Diagnosis, one: Finding, data: Mapping[str, Any]) -> str
     return f"{text}; by the base that it frees: {_held_out_errors(found, data)}"
 
 
+def _other_law(data: Mapping[str, Any], law: str) -> list[tuple[str, str]]:
+    """Where the model has a law of another name: which, and the numbers of what it stands for.
+
+    A law near another one's limit bears that one's name and has no other numbers.
+    """
+    weighed = [
+        f"{plain(p['name'].split('.')[-1])} {number(p['value'])}"
+        + ("" if p["unit"] in ("", "1") else f" {unit_text(p['unit'])}")
+        for p in data["parameters"]
+        if not p["name"].startswith(f"{law}.")
+    ]
+    numbers = [("its numbers, not in model.yaml", ", ".join(weighed))] if weighed else []
+    return [*numbers, ("law in model.yaml", plain(law))]
+
+
 def _finding(found: Diagnosis, one: Finding) -> str:
     data = finding_dict(found, one)
+    law = law_in_model(data)
     pairs = zip(data["names"], data["probability"], strict=True)
     names = " or ".join(f"{plain(name)} ({percent(share)})" for name, share in pairs)
     rows = [
         ("shows", written(told(data["where"]["text"]))),
         ("also in", ", ".join(data["also"]) or "–"),
         ("law", data["equation"]),
-        *([("law in model.yaml", plain(law_in_model(data)))] if law_in_model(data) else []),
+        *(_other_law(data, law) if law else ()),
         (
             "held-out error in motion, with every other finding in the model",
             _held_out_errors(found, data)

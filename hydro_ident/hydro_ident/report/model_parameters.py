@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.mismatch.answer.diagnosis_file import finding_dict
+from hydro_ident.mismatch.answer.diagnosis_file import finding_dict, law_of_model
 from hydro_ident.mismatch.answer.outcome import Diagnosis, Finding
 from hydro_ident.parameters.parameters import COMMAND_DELAY, NORMAL_95, Parameter
 from hydro_ident.report.found_words import as_share, corners, law_in_model
@@ -26,8 +26,11 @@ _SAME = 1e-9
 
 
 def finding_rows(found: Diagnosis, one: Finding, owner: Mapping[str, str]) -> list[ParameterRow]:
-    """The parameters of one finding."""
+    """The parameters of one finding: those of the law that model.yaml has for it."""
     data = finding_dict(found, one)
+    law = law_in_model(data)
+    if law:
+        data = {**data, **law_of_model(found, one)}
     joint = owner.get(data["target"].split("/")[0], "")
     rows = []
     slow = corners(data)
@@ -37,11 +40,9 @@ def finding_rows(found: Diagnosis, one: Finding, owner: Mapping[str, str]) -> li
         if std is not None:
             interval = p["value"] - NORMAL_95 * std, p["value"] + NORMAL_95 * std
         below = f"{plain(data['target'])}; {data['equation']}"
-        law = law_in_model(data)
-        used = not law or p["name"].startswith(f"{law}.")
         share = as_share(p["name"], p["value"])
         below = f"{share}; {below}" if share else below
-        below += "" if used else f"; modelled as {plain(law)}"
+        below += f"; in the model for what is named {plain(data['names'][0])}" if law else ""
         below += "" if std is not None else "; not fitted: at the value it was weighed with"
         name = plain(p["name"])
         row = ParameterRow(name, p["value"], interval, p["unit"], None, below, std is None, joint)
@@ -50,7 +51,7 @@ def finding_rows(found: Diagnosis, one: Finding, owner: Mapping[str, str]) -> li
                 row, below=f"{row.below}; damped beyond 1: where its slower pole is, about"
             )
         else:
-            row = beside_bound(row, f"{data['target']}.{p['name']}", used=used)
+            row = beside_bound(row, f"{data['target']}.{p['name']}")
         rows.append(row)
     return rows
 

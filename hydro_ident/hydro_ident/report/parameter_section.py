@@ -147,23 +147,20 @@ def _determined(row: ParameterRow) -> ParameterRow:
     return replace(row, below=f"{row.below}; {_WIDE}" if row.below else _WIDE, off=True)
 
 
-def beside_bound(row: ParameterRow, name: str, *, used: bool = True) -> ParameterRow:
-    """A row, greyed where its interval holds the least value that is possible.
+def beside_bound(row: ParameterRow, name: str) -> ParameterRow:
+    """A row of the model, greyed where its interval holds the least value that is possible.
 
     Parameters
     ----------
     row : ParameterRow
     name : str
         Of the parameter, as the result file has it.
-    used : bool
-        The model has the value.
     """
     least = _least(name)
     if row.off or row.interval is None or least < 0.0 or row.interval[0] > least:
         return row
     unit = "" if row.unit in ("", "1") else f" {row.unit}"
-    why = f"not told from its bound {number(least)}{unit}, which its interval reaches"
-    why += f"; {_FOUND}" if used else ""
+    why = f"not told from its bound {number(least)}{unit}, which its interval reaches; {_FOUND}"
     return replace(row, below=f"{row.below}; {why}" if row.below else why, off=True)
 
 

@@ -21,7 +21,7 @@ from hydro_ident.mismatch.modelling.refinement import Refinement
 from hydro_ident.mismatch.rows.modelled import same
 from hydro_ident.mismatch.rows.onset import idle_edges
 from hydro_ident.mismatch.settings import FORM_TOLERANCE
-from hydro_ident.mismatch.trials.contender import shape_at_an_end
+from hydro_ident.mismatch.trials.contender import Contender, shape_at_an_end
 from hydro_ident.mismatch.trials.where import where_of
 from hydro_ident.mismatch.unnamed.unknown_file import unexplained_dict
 from hydro_model.effects.catalogue import CATALOGUE
@@ -178,12 +178,38 @@ def channels_told(channels: Sequence[str], names: Sequence[str]) -> tuple[str, .
 
 def as_modelled(found: Diagnosis, one: Finding) -> tuple[Fitted | Weighed, ActiveEffect]:
     """The first name's law as it stands in the final model, else as it was weighed."""
-    best = one.named.first
+    return _standing(found, one.named.first)
+
+
+def law_of_model(found: Diagnosis, one: Finding) -> dict[str, Any]:
+    """The law that stands in model.yaml for a finding, whatever this is named after.
+
+    Parameters
+    ----------
+    found : Diagnosis
+    one : Finding
+        Of these.
+
+    Returns
+    -------
+    dict
+        `equation`, `parameters` and `covariance` as of `finding_dict`.
+    """
+    fitted, term = _standing(found, one.named.modelled)
+    return {
+        "equation": term.effect.equation,
+        "parameters": parameters_of(fitted, term),
+        "covariance": covariance_of(fitted, term),
+    }
+
+
+def _standing(found: Diagnosis, one: Contender) -> tuple[Fitted | Weighed, ActiveEffect]:
+    """An effect as it stands in the final model, else as it was weighed."""
     if found.whole is not None:
         for term in found.whole.model.terms:
-            if same(term, best.term):
+            if same(term, one.term):
                 return found.whole, term
-    return best.fitted, best.term
+    return one.fitted, one.term
 
 
 def parameters_of(fitted: Fitted | Weighed, term: ActiveEffect) -> list[dict[str, Any]]:
