@@ -359,6 +359,21 @@ def test_a_valve_that_the_state_does_not_tell_has_its_command(
     np.testing.assert_array_equal(np.flatnonzero(again.latched), np.arange(120, 160))
 
 
+def test_a_valve_that_no_topic_tells_is_not_said_to_have_its_command(
+    write_bag, run_columns, robot
+) -> None:
+    columns = run_columns(N)
+    del columns["/valve_command"]
+    names, fields = columns["/valve_state"]
+    columns["/valve_state"] = names[:1], {"effort": fields["effort"][:, :1]}
+    bag = write_bag(columns)
+    r = read_recording(bag, robot)
+    assert r.commanded == robot.valve_names[1:]
+    assert not [note for note in r.notes if "/valve_command" in note]
+    assert _losses(r) == {f"tilt/flow_{s}": "no tilt_valve in /valve_state" for s in "ab"}
+    assert inspect_bag(bag, robot).damage == [*r.notes] == []
+
+
 def test_zero_volts_asked_for_or_delayed_are_no_latch() -> None:
     command = np.zeros((100, 2))
     command[50:] = 1.0

@@ -180,7 +180,8 @@ def _settle_voltages(
     told = [k for k, name in enumerate(robot.valve_names) if name in valves]
     latched = latched_cycles(len(grid), *(_some(v, told) for v in (state_v, command_v)))
     columns |= {"latched": latched, "commanded": commanded, "valve_rates": rates}
-    return [*commanded_notes(commanded), *rates.notes(columns["valve_source"])]
+    known = told_valves(robot, columns["valve_v"])
+    return [*commanded_notes(commanded, known), *rates.notes(columns["valve_source"])]
 
 
 def _some(values: FloatArray | None, columns: list[int]) -> FloatArray | None:

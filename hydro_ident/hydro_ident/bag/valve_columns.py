@@ -308,9 +308,7 @@ def fill_voltages(
     return tuple(robot.valve_names[k] for k in others)
 
 
-def commanded_notes(commanded: Collection[str]) -> list[str]:
-    """In words, which valves' voltages are their commands; `commanded` of `fill_voltages`."""
-    return [
-        f"no {valve} in {VALVE_STATE}: its voltage is what {VALVE_COMMAND} tells"
-        for valve in commanded
-    ]
+def commanded_notes(commanded: Collection[str], known: Collection[str]) -> list[str]:
+    """In words, of those `commanded` (`fill_voltages`) the valves whose voltage is `known`."""
+    told = f"in {VALVE_STATE}: its voltage is what {VALVE_COMMAND} tells"
+    return [f"no {valve} {told}" for valve in commanded if valve in known]

@@ -211,8 +211,14 @@ def _damage(passage: Passage, look: SignalLook | None, error: BagError | None) -
         *(note for note in damage if note not in bare),
         *irregular({name: window.repeats for name, window in there.items()}),
         *filled_notes(look.robot, passage.maker.filled.values()),
-        *commanded_notes(passage.maker.commanded),
+        *commanded_notes(passage.maker.commanded, _known_valves(look)),
     ]
+
+
+def _known_valves(look: SignalLook) -> list[str]:
+    """Valves with a voltage, of whichever topic."""
+    there = look.columns("valve_v") or [False] * len(look.robot.valve_names)
+    return [name for name, known in zip(look.robot.valve_names, there, strict=True) if known]
 
 
 def _losses(passage: Passage, first: FirstPass, look: SignalLook) -> tuple[Loss, ...]:
