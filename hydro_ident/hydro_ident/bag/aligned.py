@@ -62,11 +62,14 @@ class Decoded:
     count : int
     names : tuple of str
         Of a JointState topic.
+    wrong : str
+        Why a message could not be; empty where all were.
     """
 
     message_type: str
     count: int
     names: tuple[str, ...]
+    wrong: str = ""
 
 
 def check_topics(
@@ -86,7 +89,8 @@ def check_topics(
     Raises
     ------
     BagError
-        A topic of another type; no `/joint_states`; none of the robot's joints in it.
+        A topic of another type; no `/joint_states`, or none of its messages can be read; none of
+        the robot's joints in it.
     """
     for name, wanted in TYPES.items():
         found = decoded[name].message_type if name in decoded else wanted
@@ -97,6 +101,11 @@ def check_topics(
         if name in there and name not in decoded:
             raise BagError(f"{path}: {name}: expected messages in CDR, found none that is read")
     joints = decoded.get(JOINT_STATES)
+    if joints is not None and not joints.count and joints.wrong:
+        raise BagError(
+            f"{path}: {JOINT_STATES}: expected messages that can be decoded, found none; the"
+            f" first: {joints.wrong}"
+        )
     if joints is None or not joints.count:
         raise BagError(f"{path}: expected a topic {JOINT_STATES}, found {', '.join(there)}")
     if not own_names(robot).intersection(joints.names):

@@ -82,6 +82,11 @@ class Decoder:
             return
         self._ask(_PER_BYTE * int(block.length.sum()))
         builder.add(block)
+        for name in builder.twice:
+            self._say(
+                f"{channel.topic}: expected each name once in a message, found {name} several"
+                " times: none of its values there is taken"
+            )
 
     def take(self) -> dict[str, Series]:
         """The columns of everything added since the last time, by topic.

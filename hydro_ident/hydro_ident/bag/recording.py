@@ -119,7 +119,10 @@ class Earlier:
 def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Recording:
     """As `read_recording`, from a bag that was read already; a piece of one after `earlier`."""
     earlier = earlier or Earlier()
-    decoded = {n: Decoded(t.message_type, len(t), t.names) for n, t in bag.series.items()}
+    decoded = {
+        name: Decoded(t.message_type, len(t), t.names, t.malformed_why)
+        for name, t in bag.series.items()
+    }
     check_topics(bag.path, bag.topics, decoded, robot)
     topics = topics_of(bag.series, robot)
     repeats = {n: earlier.repeats.get(n) or t.repeats for n, t in topics.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -82,6 +83,10 @@ class Series:
         return told
 
 
+def _repeated(names: Collection[str]) -> list[str]:
+    return [name for name, count in Counter(names).items() if count > 1]
+
+
 def too_empty(cells: int, filled: int) -> bool:
     """Whether a table of so many `cells` holds too few numbers (`filled`) to be made."""
     return cells > max(_FREE_CELLS, _MOST_EMPTY * filled)
@@ -115,6 +120,8 @@ class SeriesBuilder:
     _why: str = ""
     _names: frozenset[str] = frozenset()
     _kinds: int = 0
+    #: Names that stand several times in one message.
+    twice: tuple[str, ...] = ()
     #: What was taken already: messages, numbers in them, and in order every name and field.
     _taken: int = 0
     _filled: int = 0
@@ -181,6 +188,7 @@ class SeriesBuilder:
                 f"expected at most {_MOST_NAMES} names and {_MOST_LAYOUTS} layouts on a topic"
             )
         self._names = names
+        self.twice = tuple(dict.fromkeys((*self.twice, *_repeated(layout.names))))
         return layout
 
     def _take(
@@ -200,6 +208,10 @@ class SeriesBuilder:
             fields = {
                 name: layout.field(rows, name) for name, at in layout.values.items() if at[1]
             }
+            if self.twice and (repeated := _repeated(layout.names)):
+                # Which of the values is meant nobody knows.
+                once = np.array([name not in repeated for name in layout.names])
+                fields = {name: np.where(once, values, np.nan) for name, values in fields.items()}
             stamps = layout.stamp_ns(rows)
             piece = _Piece(taken + self._count, stamps, layout.names, fields)
             self._pieces.append(piece)

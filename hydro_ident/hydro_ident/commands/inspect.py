@@ -100,8 +100,9 @@ def _head(i: Inspection) -> list[str]:
     packing = printable(", ".join(i.compression)) or "no chunks"
     plural = "" if i.files == 1 else "s"
     lines = []
-    if i.rate_hz is not None:
-        lines.append(f"  robot {printable(str(i.robot))}: {i.cycles} cycles at {i.rate_hz:.2f} Hz")
+    if i.cycles:
+        rate = "cycle, of no rate" if i.rate_hz is None else f"cycles at {i.rate_hz:.2f} Hz"
+        lines.append(f"  robot {printable(str(i.robot))}: {i.cycles} {rate}")
     lines.append(
         f"  {i.duration_s:.3f} s, {i.messages} messages, {i.size_bytes / 1e6:.1f} MB"
         f" in {i.files} file{plural} ({packing}; {sums})"

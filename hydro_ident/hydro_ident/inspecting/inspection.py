@@ -78,7 +78,7 @@ class Inspection:
         The data are under checksums; one of them does not hold.
     cycles : int
     rate_hz : float or None
-        Of the cycles.
+        Of the cycles; None of fewer than two.
     topics : list of TopicSummary
     ranges : list of Range
     channels : list of str

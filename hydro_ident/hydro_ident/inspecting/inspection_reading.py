@@ -150,7 +150,7 @@ def _refused(passage: Passage, first: FirstPass) -> BagError | None:
     if first.signals is None:
         return None
     decoded = {
-        topic: Decoded(one.message_type, passage.windows[topic].count, one.names)
+        topic: Decoded(one.message_type, passage.windows[topic].count, one.names, one.malformed[1])
         for topic, one in passage.decoder.builders.items()
     }
     try:
@@ -183,7 +183,8 @@ def _inspection(
         checksummed=not not_checked,
         checksum_failed=any(f.checksum_failed for f in healths),
         cycles=0 if look is None else look.cycles,
-        rate_hz=None if look is None else 1.0 / first.period_s(look.robot),
+        # A lone cycle has no rate: what it would be is the robot file's.
+        rate_hz=1.0 / first.period_s(look.robot) if look and look.cycles > 1 else None,
         topics=[_summary(passage, first, second, topic) for topic in passage.infos],
         ranges=[] if look is None else ranges_in(look),
         channels=[] if look is None else _channels(look, losses),
