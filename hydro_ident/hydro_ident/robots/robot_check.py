@@ -14,7 +14,7 @@ import numpy as np
 
 from hydro_ident.robots.robot_file_gaps import missing_fields
 from hydro_ident.robots.robot_ranges import CylinderRange, cylinder_ranges, drawn_poses
-from hydro_ident.robots.robot_units import unit_errors, unit_warnings
+from hydro_ident.robots.robot_units import geometry_errors, unit_errors, unit_warnings
 from hydro_ident.robots.robot_unused import unused_fields
 from hydro_model.description.robot_checks import slightly_wide
 from hydro_model.effects import resolve
@@ -101,8 +101,11 @@ def check_robot(robot: Robot) -> RobotCheck:
     -------
     RobotCheck
     """
-    ranges = cylinder_ranges(robot)
-    remarks = [remark for r in ranges for remark in _cylinder(r, robot)]
+    ranges, geometry = cylinder_ranges(robot), dict(geometry_errors(robot))
+    # What follows from numbers in another unit would bury them.
+    told = [r for r in ranges if r.cylinder.joint not in geometry]
+    remarks = [Remark(ERROR, about, text) for about, text in geometry.items()]
+    remarks += [remark for r in told for remark in _cylinder(r, robot, loaded=not geometry)]
     remarks += [*_masses(robot), *_bodies(robot), *_joints(robot), *_effects(robot)]
     remarks += [Remark(ERROR, about, text) for about, text in unit_errors(robot, ranges)]
     remarks += [Remark(WARNING, about, text) for about, text in unit_warnings(robot, ranges)]
@@ -112,10 +115,11 @@ def check_robot(robot: Robot) -> RobotCheck:
     return RobotCheck(robot, ranges, tuple(sorted(remarks, key=lambda r: order.index(r.level))))
 
 
-def _cylinder(r: CylinderRange, robot: Robot) -> Iterator[Remark]:
+def _cylinder(r: CylinderRange, robot: Robot, *, loaded: bool) -> Iterator[Remark]:
     yield from _strokes(r)
     yield from _levers(r)
-    yield from _loads(r, robot)
+    if loaded:
+        yield from _loads(r, robot)
 
 
 def _strokes(r: CylinderRange) -> Iterator[Remark]:

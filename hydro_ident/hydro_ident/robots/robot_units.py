@@ -30,6 +30,12 @@ _FLOWS, _USUAL_FLOWS = (0.5, 2000.0), (1.0, 1000.0)
 #: A full stroke at full opening and the whole supply over one edge, s.
 _STROKE_S = (0.05, 120.0)
 
+#: A revolute joint with limits beyond a turn to either side, rad, has them in degrees.
+_TURN_RAD = 2.0 * np.pi
+#: Length of an arm, m, and how many times its longest cylinder that is, beyond which one of the
+#: two is in another unit: long booms of concrete pumps have 60 m and some twenty times.
+_ARM_M, _REACHES = 20.0, 30.0
+
 #: Units that may have been meant, in m and in bar.
 _LENGTHS = {"mm": LENGTHS_M["mm"], "cm": LENGTHS_M["cm"], "inches": 0.0254}
 _PRESSURES = {
@@ -42,6 +48,46 @@ _VALVE_MISTAKES = {
     "a flow in l/s taken for l/min": 60.0,
     "a coefficient in l/(min sqrt(bar)) taken for m^3/(s sqrt(Pa))": 1.0 / (L_MIN * np.sqrt(1e5)),
 }
+
+
+def geometry_errors(robot: Robot) -> Iterator[tuple[str, str]]:
+    """Joint limits in degrees and links in another unit than metres.
+
+    What else is computed of such joints, and of loads on such links, tells nothing.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Yields
+    ------
+    about, text : str
+        A joint that a cylinder moves, or `links`.
+    """
+    driven = {cylinder.joint for cylinder in robot.cylinders}
+    yield from ((about, text) for about, text in _degrees(robot) if about in driven)
+    arm = _arm_m(robot)
+    longest = max((_length_m(c) for c in robot.cylinders), default=0.0)
+    if arm > _ARM_M and 0.0 < _REACHES * longest < arm:
+        text = f"an arm of {arm:.4g} m in the URDF, the longest cylinder has {longest:.3g} m"
+        yield "links", text + _meant(arm, _LENGTHS, (0.5 * longest, _REACHES * longest), "m")
+
+
+def _degrees(robot: Robot) -> Iterator[tuple[str, str]]:
+    for joint in robot.joints:
+        ends = [end for end in (joint.lower, joint.upper) if np.isfinite(end)]
+        if not joint.prismatic and any(abs(end) > _TURN_RAD for end in ends):
+            low, high = np.radians([joint.lower, joint.upper])
+            yield (
+                joint.name,
+                f"limits {joint.lower:g} to {joint.upper:g} rad, more than a turn: in degrees?"
+                f" Those are {low:.3g} to {high:.3g} rad",
+            )
+
+
+def _length_m(cylinder: Cylinder) -> float:
+    """From pin to pin with the rod out, or what its pins are apart from the joint."""
+    return max(cylinder.x0_m + cylinder.stroke_m, cylinder.l1_m, cylinder.l2_m)
 
 
 def unit_errors(robot: Robot, ranges: tuple[CylinderRange, ...]) -> Iterator[tuple[str, str]]:
@@ -104,6 +150,8 @@ def unit_warnings(robot: Robot, ranges: tuple[CylinderRange, ...]) -> Iterator[t
         lever, arm = float(np.abs(r.lever_m).max()), _arm_m(robot)
         if c.l1_m > 0.0 and 0.0 < arm < lever <= _LEVERS * arm:
             yield c.name, f"lever arm up to {lever:.3g} m, the whole arm is {arm:.3g} m long"
+    driven = {cylinder.joint for cylinder in robot.cylinders}
+    yield from ((about, text) for about, text in _degrees(robot) if about not in driven)
     for valve, _ in _valves(robot):
         yield from _flow(valve)
 
