@@ -22,6 +22,12 @@ from hydro_msgs_docs.cdr import FloatArray, IntArray
 SAME = 0.05
 #: Share of a slower clock's instants that have to lie on the finest clock's for a quiet report.
 SHARED = 0.5
+#: Share of them that may stay without a cycle of all signals before a person is warned.
+_LOST = 0.1
+#: Of a period: half of one reaches every nearest instant of an even clock, the rest an uneven one.
+_JOINING = 0.6
+#: What two doubles of one instant may differ by: steps of a double, and never below 1 ns.
+_STEPS, _LEAST_S = 4.0, 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +41,14 @@ class Timeline:
         By clock (empty: the log's own): cycle of each of its K samples, -1 where it was left out.
     remarks : tuple of str
         What a person should know.
+    warnings : tuple of str
+        What costs a large share of the cycles.
     """
 
     stamps_ns: IntArray
     rows: Mapping[str, IntArray]
     remarks: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
 
 
 def clock_of(log: Log, mapping: LogMap, signal: LogSignal) -> str:
@@ -94,13 +103,15 @@ def timeline_of(log: Log, mapping: LogMap) -> Timeline:
     cut = sum(int(np.count_nonzero(~kept & np.isfinite(times[n]))) for n, kept in inside.items())
     if cut:
         remarks.append(f"{cut} samples outside from_s to to_s left out")
-    cycles, rows, joined = _cycles({n: t[inside[n]] for n, t in times.items()}, mapping.within_s)
+    cut_times = {n: t[inside[n]] for n, t in times.items()}
+    cycles, rows, joined, apart = _cycles(cut_times, mapping.within_s)
     stamps = _stamps_ns(log, mapping, cycles)
     all_rows = {}
     for name, kept in inside.items():
         all_rows[name] = np.full(len(kept), -1, dtype=np.int64)
         all_rows[name][kept] = rows[name]
-    return Timeline(stamps, all_rows, tuple(r for r in [*remarks, *joined] if r))
+    said = tuple(r for r in [*remarks, *joined] if r)
+    return Timeline(stamps, all_rows, said, tuple(apart) if mapping.common else ())
 
 
 def _seconds(
@@ -198,34 +209,71 @@ def _beginning(log: Log, name: str, seconds: FloatArray, times: Mapping[str, Flo
 
 def _cycles(
     times: Mapping[str, FloatArray], within_s: float
-) -> tuple[FloatArray, dict[str, IntArray], list[str]]:
-    """Instants of all clocks as one line, and where on it each clock's samples are."""
+) -> tuple[FloatArray, dict[str, IntArray], list[str], list[str]]:
+    """Instants of all clocks as one line, where on it each clock's samples are, and words on it.
+
+    The last are warnings where only instants of all signals are kept.
+    """
     known = {name: t[np.isfinite(t)] for name, t in times.items()}
     order = sorted((n for n in known if len(known[n])), key=lambda n: _period(known[n]))
     if not order:
-        return np.zeros(0), {n: np.full(len(t), -1, np.int64) for n, t in times.items()}, []
-    finest = order[0]
-    cycles, remarks = known[finest], []
-    within = within_s or SAME * _period(known[finest])
+        return np.zeros(0), {n: np.full(len(t), -1, np.int64) for n, t in times.items()}, [], []
+    finest = known[order[0]]
+    cycles, remarks, apart = finest, [], []
+    period = _period(finest)
+    within = within_s or SAME * period
     for name in order[1:]:
         near = nearest(cycles, known[name])
         shift = np.abs(cycles[near] - known[name])
-        shared = shift <= within
+        shared = shift <= within + slack_s(cycles)
         cycles = np.union1d(cycles, known[name][~shared])
-        remarks.append(_shared_remark(name, shared, shift, within, _period(known[finest])))
+        remarks.append(_shared_remark(name, shared, shift, period))
+        during = (known[name] >= finest[0]) & (known[name] <= finest[-1])
+        apart += _lost_warning(name, shared[during], within, period)
     rows = {}
     for name, t in times.items():
         rows[name] = np.full(len(t), -1, dtype=np.int64)
         rows[name][np.isfinite(t)] = nearest(cycles, t[np.isfinite(t)])
-    return cycles, rows, remarks
+    return cycles, rows, remarks, apart
 
 
 def _period(seconds: FloatArray) -> float:
     return float(np.median(np.diff(seconds))) if len(seconds) > 1 else np.inf
 
 
+def joining_s(period_s: float) -> float:
+    """A `within_s` that moves every instant to the nearest of a clock.
+
+    Parameters
+    ----------
+    period_s : float
+        Of the clock.
+
+    Returns
+    -------
+    float
+        Three digits of it: more than half a period, at which rounding would decide.
+    """
+    return float(f"{_JOINING * period_s:.3g}")
+
+
+def slack_s(line: FloatArray) -> float:
+    """What the rounding of stamps may make of equal instants, s.
+
+    Parameters
+    ----------
+    line : (N,) array
+        Instants, s; at least one of them.
+
+    Returns
+    -------
+    float
+    """
+    return max(_STEPS * float(np.spacing(np.abs(line).max())), _LEAST_S)
+
+
 def nearest(line: FloatArray, instants: FloatArray) -> IntArray:
-    """Index of the instant of a line that is nearest.
+    """Index of the instant of a line that is nearest; of two that are equally near the earlier.
 
     Parameters
     ----------
@@ -239,20 +287,35 @@ def nearest(line: FloatArray, instants: FloatArray) -> IntArray:
     """
     right = np.clip(np.searchsorted(line, instants), 1, len(line) - 1)
     left = right - 1
-    closer = np.abs(line[left] - instants) <= np.abs(line[right] - instants)
+    further = np.abs(line[left] - instants) - np.abs(line[right] - instants)
+    closer = further <= slack_s(line)
     return np.asarray(np.where(closer, left, right), dtype=np.int64)
 
 
-def _shared_remark(
-    name: str, shared: np.ndarray, shift: FloatArray, within: float, period: float
-) -> str:
-    called = f"clock '{name}'" if name else "the log's time"
-    text = f"{called}: {int(shared.sum())} of {len(shared)} instants are the finest clock's"
+def _shared_remark(name: str, shared: np.ndarray, shift: FloatArray, period: float) -> str:
+    text = f"{_called(name)}: {int(shared.sum())} of {len(shared)} instants are the finest clock's"
     if shared.any() and shift[shared].max() > 1e-9:
         text += f" (moved by up to {shift[shared].max() * 1e6:.3g} us)"
     if shared.mean() < SHARED:
         text += (
             f"; the others have cycles of their own, which no analysis can join: time:"
-            f" {{within_s: {0.5 * period:.3g}}} would move each to the nearest"
+            f" {{within_s: {joining_s(period):g}}} would move each to the nearest"
         )
     return text
+
+
+def _lost_warning(name: str, shared: np.ndarray, within: float, period: float) -> list[str]:
+    """Of instants while the finest clock runs: those that `keep: common` will leave out."""
+    lost = int(np.count_nonzero(~shared))
+    if lost <= _LOST * len(shared):
+        return []
+    more = joining_s(period)
+    hint = f": time: {{within_s: {more:g}}} would keep them" if within < more else ""
+    return [
+        f"{_called(name)}: {lost} of {len(shared)} instants are further than {within:.3g} s"
+        f" (within_s) from the finest clock's, and keep: common leaves them out{hint}"
+    ]
+
+
+def _called(name: str) -> str:
+    return f"clock '{name}'" if name else "the log's time"

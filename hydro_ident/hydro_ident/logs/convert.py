@@ -172,7 +172,7 @@ def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, s
         counts=counts,
         unused=tuple(name for name in log.columns if name not in columns.used),
         remarks=(*log.notes, *timeline.remarks, *columns.remarks, *odd, *remark),
-        warnings=(*columns.warnings, *unit_warnings(mapping.robot, efforts)),
+        warnings=(*timeline.warnings, *columns.warnings, *unit_warnings(mapping.robot, efforts)),
     )
 
 

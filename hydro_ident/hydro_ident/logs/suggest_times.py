@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.logs.clocks import SAME, SHARED, nearest
+from hydro_ident.logs.clocks import SAME, SHARED, joining_s, nearest
 from hydro_ident.logs.file import Log
 from hydro_ident.logs.guess import LEVELS, Guess, Reading, weakest
 from hydro_ident.logs.signal import FILL_IN
@@ -305,19 +305,17 @@ def _with_clocks(
         if within := _within_s([main_s, *(f.seconds for f in clocks)]):
             entry["within_s"] = within
             level = weakest(level, "guess")
-            why.append(
-                f"instants of the clocks do not meet: within_s moves them by up to {within:g} s"
-            )
+            why.append("instants of the clocks do not meet: within_s moves them to the nearest")
     return replace(guess, entry=entry, level=level, why=(*guess.why, *why))
 
 
 def _within_s(times: Sequence[FloatArray]) -> float:
-    """Half a period of the finest clock where the others' instants are not its own; else 0."""
+    """What joins clocks where the others' instants are not the finest clock's own; else 0."""
     known = sorted((t[np.isfinite(t)] for t in times), key=_step)
     finest, period = known[0], _step(known[0])
     for other in known[1:]:
         inside = other[(other >= finest[0]) & (other <= finest[-1])]
         away = np.abs(finest[nearest(finest, inside)] - inside)
         if len(away) and float(np.mean(away <= SAME * period)) < SHARED:
-            return float(f"{0.5 * period:.3g}")
+            return joining_s(period)
     return 0.0

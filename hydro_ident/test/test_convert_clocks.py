@@ -1,0 +1,86 @@
+"""Several clocks of one log: instants that rounding moves, and those that no cycle takes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from hydro_ident.bag.reader import read_bag
+from hydro_ident.logs.convert import Conversion, convert
+from hydro_ident.logs.file import read_log
+from hydro_ident.logs.map import read_map
+from hydro_ident.logs.suggest import suggest
+
+COUNT = 1000
+
+
+def two_rates(folder: Path, apart_ms: float, every: int = 5) -> Path:
+    """500 Hz beside a slower clock that is behind it, in ms as loggers write them."""
+    rows = ["t1 [ms],q [deg],t2 [ms],p [barg]"]
+    for k in range(COUNT):
+        slow = every * k
+        late = f"{2 * slow + apart_ms:.1f},{100 + slow % 7}" if slow < COUNT else ","
+        rows.append(f"{2 * k:.1f},{40 + k % 9},{late}")
+    file = folder / "log.csv"
+    file.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    return file
+
+
+def converted(log: Path, time: dict, folder: Path) -> Conversion:
+    mapping = {
+        "time": {"signal": "t1 [ms]", "unit": "ms", "keep": "common", **time},
+        "joints": {"lift": {"signal": "q [deg]", "unit": "deg"}},
+        "pressures": {
+            "lift/a": {
+                "signal": "p [barg]",
+                "unit": "bar",
+                "reference": "gauge",
+                "time": "t2 [ms]",
+            }
+        },
+    }
+    file = folder / "map.yaml"
+    file.write_text(yaml.safe_dump(mapping), encoding="utf-8")
+    return convert(read_log(log), read_map(file), folder / "bag", {})
+
+
+@pytest.mark.parametrize("given", [None, 0.001], ids=["suggested", "half a period"])
+@pytest.mark.parametrize("apart_ms", [0.5, 1.0])
+def test_half_a_period_apart_every_instant_finds_its_nearest(
+    apart_ms: float, given: float | None, tmp_path: Path
+) -> None:
+    """Rounding had decided sample by sample whether 1.0 ms are within 0.001 s: half was lost."""
+    log = two_rates(tmp_path, apart_ms)
+    entries = {g.column: g.entry for g in suggest(read_log(log)).guesses}
+    within = entries["t1 [ms]"]["within_s"]
+    assert within == pytest.approx(0.0012)
+    done = converted(log, {"within_s": given or within}, tmp_path)
+    assert (done.cycles, done.warnings) == (COUNT // 5, ())
+    stamps = read_bag(tmp_path / "bag").series["/joint_states"].stamp_ns
+    # Of two that are equally near all take the earlier: the rate stays even.
+    np.testing.assert_array_equal(np.diff(stamps), 10_000_000)
+
+
+def test_equal_rates_half_a_period_apart_lose_no_sample(tmp_path: Path) -> None:
+    done = converted(two_rates(tmp_path, 1.0, every=1), {"within_s": 0.001}, tmp_path)
+    assert (done.cycles, done.warnings) == (COUNT, ())
+
+
+@pytest.mark.parametrize(
+    ("time", "hint"),
+    [({}, True), ({"within_s": 0.0009}, True), ({"within_s": 0.0012}, False)],
+)
+def test_a_share_of_cycles_that_is_lost_is_warned_of(
+    time: dict, hint: bool, tmp_path: Path
+) -> None:
+    """A clock of 3 ms beside one of 2 ms: every second instant is a period's middle."""
+    log = tmp_path / "log.csv"
+    rows = [f"{2 * k},{k % 9},{3 * k},{k % 7}" for k in range(COUNT + 1)]
+    log.write_text("\n".join(["t1 [ms],q [deg],t2 [ms],p [barg]", *rows]), encoding="utf-8")
+    found = " ".join(converted(log, {**time, "to_s": 2.0}, tmp_path).warnings)
+    # Of 667 instants until the end, 333 fall between two of the finest.
+    assert ("333 of 667 instants are further than" in found) == hint
+    assert ("time: {within_s: 0.0012} would keep them" in found) == hint
