@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.errors import BagError
-from hydro_ident.logs.file import read_log
+from hydro_ident.logs.file import CsvLayout, read_log
 
 
 def test_thousands_are_read_beyond_doubt_only(tmp_path: Path) -> None:
@@ -63,3 +63,32 @@ def test_commas_that_may_part_thousands_leave_points_the_decimal_sign(tmp_path: 
     log = tmp_path / "log.csv"
     log.write_text("t;u;q\n1;1.250;1,000\n2;1.125;2,000\n3;2.375;3,000\n", encoding="utf-8")
     np.testing.assert_array_equal(read_log(log).columns["u"], [1.25, 1.125, 2.375])
+
+
+@pytest.mark.parametrize(
+    "layout",
+    [{}, {"delimiter": ","}, {"decimal": ","}, {"delimiter": ",", "decimal": ","}],
+    ids=["by itself", "delimiter", "decimal", "both"],
+)
+def test_decimal_commas_in_quotes_are_read_between_commas(layout: dict, tmp_path: Path) -> None:
+    """Both given, the advice had been 'max() arg is an empty sequence'."""
+    log = tmp_path / "log.csv"
+    log.write_text('t,q,n\n"0,5","-12,5",1\n"0,6","3,4",2\n"0,7","1.234,5",3\n', encoding="utf-8")
+    read = read_log(log, CsvLayout(**layout))
+    assert "delimiter ',', decimal ','" in read.notes
+    np.testing.assert_array_equal(read.columns["t"], [0.5, 0.6, 0.7])
+    np.testing.assert_array_equal(read.columns["q"], [-12.5, 3.4, 1234.5])
+    np.testing.assert_array_equal(read.columns["n"], [1.0, 2.0, 3.0])
+
+
+def test_quoted_commas_that_may_part_thousands_are_no_decimal_signs(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text('t,p\n1,999\n2,"1,000"\n3,"12,345"\n', encoding="utf-8")
+    with pytest.raises(BagError, match=r"line 3: .* or does it part thousands"):
+        read_log(log)
+
+
+def test_one_column_of_decimal_commas_is_no_table_of_two(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("q\n0,5\n0,6\n", encoding="utf-8")
+    np.testing.assert_array_equal(read_log(log, CsvLayout(decimal=",")).columns["q"], [0.5, 0.6])

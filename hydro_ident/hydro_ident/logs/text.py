@@ -155,9 +155,10 @@ def dialect(lines: Sequence[str], layout: CsvLayout) -> tuple[str, str]:
         rows = [row for _, row in split(list(enumerate(half)), delimiter)]
         width, alike = Counter(len(row) for row in rows).most_common(1)[0]
         for decimal in [layout.decimal] if layout.decimal else [".", ","]:
-            if decimal == delimiter:
-                continue
             cells = [cell for row in rows for cell in row if cell.strip()]
+            asked = layout.delimiter and layout.decimal
+            if decimal == delimiter and not (asked or commas_are_decimal(cells)):
+                continue  # Commas that part columns and stand in quoted cells may part thousands.
             good = sum(is_number(cell, decimal) for cell in cells) / max(len(cells), 1)
             # A comma between digits parts columns or decimals; where semicolons or tabs part
             # columns, it is decimals. More columns decide between readings that are equally good.
