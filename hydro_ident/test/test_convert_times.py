@@ -258,7 +258,7 @@ def test_dates_are_seconds_whatever_unit_a_mapping_gives_them(tmp_path: Path, ca
     ("pattern", "said"),
     [
         ("03/04/2026 09:30:{}", "may be day/month or month/day"),
-        ("12.03.2026 09:30:{} PM", "looks like a date that is not known here"),
+        ("12.03.2026 15:30:{} PM", "looks like a date that is not known here"),
     ],
 )
 def test_dates_that_may_be_two_are_not_guessed(pattern, said, tmp_path: Path, capsys) -> None:

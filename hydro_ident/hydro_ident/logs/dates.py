@@ -15,7 +15,10 @@ import numpy as np
 
 from hydro_msgs_docs.cdr import FloatArray
 
-_CLOCK = r"(\d\d?):(\d\d):(\d\d(?:[.,]\d+)?)(Z?)"
+_CLOCK = (
+    r"(\d\d?):(\d\d):(\d\d(?:[.,]\d+)?)"
+    r"(?: ?([AaPp])\.? ?[Mm]\.?)?(Z| ?[+-]\d\d(?::?\d\d)?)?"
+)
 _TIME_OF_DAY = re.compile(_CLOCK)
 _DATED = re.compile(r"(\d{1,4})([-/.])(\d\d?)\2(\d{1,4})(?:T|,? +)" + _CLOCK)
 _DATE = re.compile(r"(\d{1,4})([-/.])\d\d?\2(\d{1,4})")
@@ -25,8 +28,8 @@ _DATE_NAME = re.compile(r"\b(?:date|datum)\b", re.IGNORECASE)
 _LOOKS_SO = re.compile(r"\d{1,4}[-/.]\d\d?[-/.]\d{1,4}[T ,]+\d\d?:\d\d.*")
 _TRY = "write them as 2026-03-12T09:30:00.002 or 12.03.2026 09:30:00.002, or as seconds"
 _YEAR_FIRST, _DAY_FIRST, _MONTH_FIRST = "year-month-day", "day.month.year", "month/day/year"
-#: A number of this or more is no month.
-_NO_MONTH = 13
+#: A number of this or more is no month, and no hour of a clock of twelve.
+_NO_MONTH = _NO_HOUR = 13
 _DAY_S = 86400.0
 
 
@@ -46,6 +49,8 @@ class Dated:
         Of the first one, counted; 0 where it has no date.
     of_day : float
         Seconds of that day.
+    ahead_s : float
+        How far the clock of the first one is ahead of UTC; 0 where nothing says.
     """
 
     seconds: FloatArray
@@ -53,6 +58,7 @@ class Dated:
     note: str
     day: int
     of_day: float
+    ahead_s: float = 0.0
 
     def behind(self, other: Dated) -> float:
         """How much later than another column's its first one is, s.
@@ -65,18 +71,26 @@ class Dated:
         """
         later_s = self.of_day - other.of_day
         if self.day and other.day:
-            return _DAY_S * (self.day - other.day) + later_s
+            return _DAY_S * (self.day - other.day) + later_s - self.ahead_s + other.ahead_s
         return (later_s + 0.5 * _DAY_S) % _DAY_S - 0.5 * _DAY_S
 
 
 @dataclass(frozen=True, slots=True)
 class _Moment:
-    """Numbers of a date (none: a time of day), what parts them, and seconds of the day."""
+    """Numbers of a date (none: a time of day), what parts them, seconds of the day, its zone."""
 
     numbers: tuple[str, str, str] | None
     sign: str
     of_day: float
     zone: str
+
+    @property
+    def ahead_s(self) -> float:
+        """How far its clock is ahead of UTC; 0 without a zone."""
+        if len(self.zone) < len("+hh"):
+            return 0.0
+        minutes = 60 * int(self.zone[1:3]) + int(self.zone[4:] or 0)
+        return -60.0 * minutes if self.zone[0] == "-" else 60.0 * minutes
 
 
 def is_moment(cell: str) -> bool:
@@ -134,12 +148,13 @@ def dated(cells: Sequence[str]) -> Dated | None:
             if moment.numbers not in days:
                 days[moment.numbers] = _DAY_S * _day(moment, order).toordinal()
             seconds[k] = days[moment.numbers] - next(iter(days.values())) + moment.of_day
+            seconds[k] -= moment.ahead_s - first.ahead_s  # clocks are put forward and back
     # Over midnight a time of day without a date begins anew.
     if None in days:
         seconds += _DAY_S * np.cumsum(np.diff(seconds, prepend=seconds[0]) < -0.5 * _DAY_S)
     day = 0 if first.numbers is None else _day(first, order).toordinal()
     start, note = _start(first, order), _note(cells[0], first, order)
-    return Dated(seconds - seconds[0], start, note, day, first.of_day)
+    return Dated(seconds - seconds[0], start, note, day, first.of_day, first.ahead_s)
 
 
 def why_unread(cells: Sequence[str]) -> str:
@@ -164,22 +179,38 @@ def why_unread(cells: Sequence[str]) -> str:
 
 def _moment(cell: str) -> _Moment | None:
     text = cell.strip()
-    if (match := _TIME_OF_DAY.fullmatch(text)) is not None:
-        return _Moment(None, "", _of_day(match.groups()[:3]), "")
-    match = _DATED.fullmatch(text)
-    if match is None:
+    numbers, sign = None, ""
+    match = _TIME_OF_DAY.fullmatch(text)
+    if match is not None:
+        *clock, half, zone = match.groups()
+    elif (match := _DATED.fullmatch(text)) is not None:
+        first, sign, second, third, *clock, half, zone = match.groups()
+        year_first = len(first) == 4 and len(third) <= 2
+        year_last = len(first) <= 2 and (len(third) == 4 or (len(third) == 2 and sign == "."))
+        if not (year_first or year_last):
+            return None
+        numbers = (first, second, third)
+    else:
         return None
-    first, sign, second, third, *clock, zone = match.groups()
-    year_first = len(first) == 4 and len(third) <= 2
-    year_last = len(first) <= 2 and (len(third) == 4 or (len(third) == 2 and sign == "."))
-    if not (year_first or year_last):
-        return None
-    return _Moment((first, second, third), sign, _of_day(clock), zone)
+    of_day = _of_day(clock, (half or "").lower())
+    return None if of_day is None else _Moment(numbers, sign, of_day, _zone(zone or ""))
 
 
-def _of_day(clock: Sequence[str]) -> float:
+def _zone(text: str) -> str:
+    """`Z`, or `+hh:mm` whether with a colon and minutes or without; empty: none is given."""
+    text = text.strip().replace(":", "")
+    return f"{text[:3]}:{text[3:] or '00'}" if len(text) > 1 else text
+
+
+def _of_day(clock: Sequence[str], half: str) -> float | None:
+    """Seconds of the day; None where the hour is none of a half day's."""
     hours, minutes, seconds = clock
-    return int(hours) * 3600.0 + int(minutes) * 60.0 + float(seconds.replace(",", "."))
+    hour = int(hours)
+    if half:
+        if not 0 < hour < _NO_HOUR:
+            return None
+        hour = hour % 12 + (12 if half == "p" else 0)
+    return hour * 3600.0 + int(minutes) * 60.0 + float(seconds.replace(",", "."))
 
 
 def _order(moments: Sequence[_Moment]) -> str | None:
