@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from hydro_ident.errors import BagError
-from hydro_ident.logs.dates import Dated, dated, why_unread
+from hydro_ident.logs.dates import Dated, dated, together, why_unread
 from hydro_ident.logs.dates_apart import dates_apart
 from hydro_ident.logs.file import SHOWN
 from hydro_msgs_docs.cdr import FloatArray, IntArray
@@ -147,11 +147,8 @@ def columns_of(
             moments[apart.time] = apart.both
     notes += [f"column '{name[:SHOWN]}': {m.note}" for name, m in moments.items() if m.note]
     lines, units = np.array(at, dtype=np.int64), dict.fromkeys(moments, "s")
-    if not moments:
-        return Cells(columns, lines, "", tuple(notes), unread, units)
-    begin = next((m for m in moments.values() if m.start), next(iter(moments.values())))
-    columns |= {name: m.seconds + m.behind(begin) for name, m in moments.items()}
-    return Cells(columns, lines, begin.start, tuple(notes), unread, units, frozenset(moments))
+    columns, start = together(columns, moments)
+    return Cells(columns, lines, start, tuple(notes), unread, units, frozenset(moments))
 
 
 def _whole(

@@ -7,7 +7,7 @@ above 12, and else left unread with the reason.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime, timedelta
 
@@ -149,12 +149,53 @@ def dated(cells: Sequence[str]) -> Dated | None:
                 days[moment.numbers] = _DAY_S * _day(moment, order).toordinal()
             seconds[k] = days[moment.numbers] - next(iter(days.values())) + moment.of_day
             seconds[k] -= moment.ahead_s - first.ahead_s  # clocks are put forward and back
-    # Over midnight a time of day without a date begins anew.
     if None in days:
-        seconds += _DAY_S * np.cumsum(np.diff(seconds, prepend=seconds[0]) < -0.5 * _DAY_S)
+        seconds = over_midnight(seconds)
     day = 0 if first.numbers is None else _day(first, order).toordinal()
     start, note = _start(first, order), _note(cells[0], first, order)
     return Dated(seconds - seconds[0], start, note, day, first.of_day, first.ahead_s)
+
+
+def over_midnight(of_day: FloatArray) -> FloatArray:
+    """Times of day without a date, which begin anew at midnight, as times that go on.
+
+    Parameters
+    ----------
+    of_day : (N,) array
+        Seconds of the day; NaN where there is none.
+
+    Returns
+    -------
+    (N,) array
+    """
+    known = np.isfinite(of_day)
+    times = of_day[known]
+    result = of_day.copy()
+    result[known] += _DAY_S * np.cumsum(np.diff(times, prepend=times[:1]) < -0.5 * _DAY_S)
+    return result
+
+
+def together(
+    columns: Mapping[str, FloatArray], moments: Mapping[str, Dated]
+) -> tuple[dict[str, FloatArray], str]:
+    """Columns of moments on one line of time, which begins with the first of them that is dated.
+
+    Parameters
+    ----------
+    columns : mapping of str to (N,) array
+        All of a log; those of moments are put on that line.
+    moments : mapping of str to Dated
+
+    Returns
+    -------
+    dict of str to (N,) array, str
+        The same columns, and the line's beginning, ISO 8601; empty: nothing is dated.
+    """
+    if not moments:
+        return dict(columns), ""
+    begin = next((m for m in moments.values() if m.start), next(iter(moments.values())))
+    placed = {name: m.seconds + m.behind(begin) for name, m in moments.items()}
+    return {**columns, **placed}, begin.start
 
 
 def why_unread(cells: Sequence[str]) -> str:

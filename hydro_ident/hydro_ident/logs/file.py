@@ -67,7 +67,7 @@ class Log:
     lines : mapping of str to (N,) int array
         Of a text's signals: the line in which each sample stands.
     unread : mapping of str to str
-        Why a signal holds no number, where the reader can tell.
+        Why a signal holds no number, where the reader can tell; of some there is no column.
     dated : frozenset of str
         Signals that the file writes as dates or times of day: seconds since the first moment of
         the first of them.
@@ -114,6 +114,8 @@ class Log:
         BagError
             The log has no such signal; the message names those it has.
         """
+        if name not in self.columns and name in self.unread:
+            raise BagError(f"{where}: '{name}' in {self.path} is left out{self.why_unread(name)}")
         if name not in self.columns:
             raise BagError(f"{where}: no signal '{name}' in {self.path} (it has: {self._names()})")
         return self.columns[name]
@@ -185,7 +187,8 @@ def read_log(path: str | Path, layout: CsvLayout | None = None) -> Log:
         )
     log = reader(path)
     if not log.columns:
-        raise BagError(f"{path}: expected signals, found no column of numbers")
+        left_out = "".join(f"; '{name}' is {why}" for name, why in log.unread.items())
+        raise BagError(f"{path}: expected signals, found no column of numbers{left_out[:400]}")
     return _with_units(log)
 
 

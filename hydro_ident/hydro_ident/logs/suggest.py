@@ -118,6 +118,11 @@ def suggest(log: Log, robot: Robot | None = None, robot_name: str = "") -> Sugge
             why = why_left_out(reading, targets) if kind == "left out" else spare
             guesses.append(Guess(reading.column, "", "", {}, reading.level, why))
     guesses = _units_of_others(guesses, readings, named, targets)
+    guesses += [
+        Guess(name, "", "", {}, "open", (f"left out: {why}",))
+        for name, why in log.unread.items()
+        if name not in log.columns
+    ]
     missing = missing_of(named.values(), targets)
     start = times.start, times.start_why
     return Suggestion(log, robot_name, tuple(guesses), missing, *start)
