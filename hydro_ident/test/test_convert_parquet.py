@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from hydro_ident.bag.reader import read_bag
 from hydro_ident.commands.convert import main, run
 from hydro_ident.errors import BagError
 from hydro_ident.logs.file import Log, read_log
@@ -93,3 +94,47 @@ def test_what_is_left_out_is_named(tmp_path: Path, capsys, monkeypatch) -> None:
 def test_a_file_of_nothing_that_is_read_names_what_it_has(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="found no column of numbers; 'said' is of type string"):
         read(tmp_path, said=pa.array(["x"] * COUNT))
+
+
+@pytest.mark.parametrize("unit", ["us", "ns"])
+@pytest.mark.parametrize("kind", [np.int64, np.uint64])
+def test_whole_stamps_since_1970_keep_every_nanosecond(
+    unit: str, kind: type, tmp_path: Path, capsys
+) -> None:
+    """Of exactly 500 Hz "500.032 Hz (intervals 1.99962 to 2.00038 ms)" had been reported."""
+    first = 1_773_307_800_000_000_000
+    stamps = (first + STEPS) // (1000 if unit == "us" else 1)
+    file = written(tmp_path, timestamp=stamps.astype(kind), q_rad=np.linspace(0.4, 0.6, COUNT))
+    mapping = tmp_path / "map.yaml"
+    assert run([str(file), "--suggest", str(mapping)]) == 0
+    assert run([str(file), "--map", str(mapping), "--out", str(tmp_path / "bag")]) == 0
+    assert "50 cycles at 500 Hz (intervals 2 to 2 ms)" in capsys.readouterr().out
+    found = read_bag(tmp_path / "bag").series["/joint_states"].stamp_ns
+    np.testing.assert_array_equal(found, first + STEPS)
+
+
+def test_exact_stamps_of_two_clocks_and_cuts_are_on_one_line(tmp_path: Path) -> None:
+    """The second clock is in us, ends before the table, and begins 1 ms late."""
+    first = 1_773_307_800_000_000_123
+    slow = (first + 1_000_000 + STEPS[1::2]) // 1000
+    none = [None] * (COUNT - len(slow))
+    file = written(
+        tmp_path,
+        t=first + STEPS,
+        q=np.arange(float(COUNT)),
+        t2=pa.array([*slow.tolist(), *none], pa.int64()),
+        p=pa.array([*range(len(slow)), *none], pa.float64()),
+    )
+    mapping = {
+        "time": {"signal": "t", "unit": "ns", "to_s": 1_773_307_800.05},
+        "start": "1970-01-01T00:00:00Z",
+        "clocks": {"t2": {"unit": "us"}},
+        "joints": {"lift": {"signal": "q"}, "tilt": {"signal": "p", "time": "t2"}},
+    }
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(mapping))
+    asked = ["--map", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "bag")]
+    assert run([str(file), *asked]) == 0
+    stamps = read_bag(tmp_path / "bag").series["/joint_states"].stamp_ns
+    fast, late = first + STEPS, 1000 * slow
+    kept = [part[part <= 1_773_307_800_050_000_000] for part in (fast, late)]
+    np.testing.assert_array_equal(stamps, np.sort(np.concatenate(kept)))

@@ -13,7 +13,7 @@ import numpy as np
 from hydro_ident.errors import BagError
 from hydro_ident.logs.dates import Dated, dated, together, why_unread
 from hydro_ident.logs.dates_apart import dates_apart
-from hydro_ident.logs.file import SHOWN
+from hydro_ident.logs.file import EXACT, SHOWN
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
@@ -52,6 +52,8 @@ class Cells:
         `s` of columns of dates and times of day.
     dated : frozenset of str
         These: seconds since the first moment of the first of them.
+    exact : mapping of str to (N,) int64 array
+        Whole numbers that a double does not hold.
     """
 
     columns: Mapping[str, FloatArray]
@@ -61,6 +63,7 @@ class Cells:
     unread: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     dated: frozenset[str] = frozenset()
+    exact: Mapping[str, IntArray] = field(default_factory=dict)
 
 
 def check_once(names: Sequence[str], path: Path) -> None:
@@ -148,7 +151,24 @@ def columns_of(
     notes += [f"column '{name[:SHOWN]}': {m.note}" for name, m in moments.items() if m.note]
     lines, units = np.array(at, dtype=np.int64), dict.fromkeys(moments, "s")
     columns, start = together(columns, moments)
-    return Cells(columns, lines, start, tuple(notes), unread, units, frozenset(moments))
+    exact = _exact(names, rows, columns)
+    return Cells(columns, lines, start, tuple(notes), unread, units, frozenset(moments), exact)
+
+
+def _exact(
+    names: Sequence[str], rows: Sequence[Row], columns: Mapping[str, FloatArray]
+) -> dict[str, IntArray]:
+    """Whole numbers that doubles do not hold; 0 where a cell is empty."""
+    found = {}
+    for i, name in enumerate(names):
+        if (np.abs(columns[name]) > EXACT).any():
+            known = np.isfinite(columns[name])
+            try:
+                whole = [int(row[i]) if k else 0 for (_, row), k in zip(rows, known, strict=True)]
+                found[name] = np.array(whole, dtype=np.int64)
+            except (ValueError, OverflowError):  # 1.7e18
+                continue
+    return found
 
 
 def _whole(

@@ -10,8 +10,8 @@ import numpy as np
 from hydro_ident.bag.memory import require
 from hydro_ident.errors import BagError
 from hydro_ident.logs.dates import Dated, over_midnight, together
-from hydro_ident.logs.file import Log
-from hydro_msgs_docs.cdr import FloatArray
+from hydro_ident.logs.file import EXACT, Log
+from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 _NUMBERS = ("int", "uint", "float", "double", "halffloat", "bool")
 _DECIMALS = "decimal"
@@ -22,6 +22,7 @@ _READ = (*_NUMBERS, _DECIMALS, _STAMPS, _DURATIONS, *_OF_DAY)
 _BYTES_PER_CELL, _BYTES_PER_DECIMAL = 24, 48
 _PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 _EPOCH_DAY = 719_163  # 1970-01-01, counted as Python's dates do
+_LARGEST = 2**63 - 1
 _SECOND = np.timedelta64(1, "s")
 
 
@@ -60,6 +61,7 @@ def read_parquet_log(path: Path) -> Log:
             require(path, max(sum(map(_bytes_of, wanted.values())), 1) * file.metadata.num_rows)
             table = file.read(columns=list(wanted))
         columns, moments = _columns(table)
+        exact = _exact(table)
         units = {
             f.name: f.metadata[b"unit"].decode()
             for f in table.schema
@@ -76,7 +78,15 @@ def read_parquet_log(path: Path) -> Log:
         for name, kind in kinds.items()
         if name not in wanted
     }
-    return Log(path, ordered, units=units, start=start, unread=unread, dated=frozenset(moments))
+    return Log(
+        path,
+        ordered,
+        units=units,
+        start=start,
+        unread=unread,
+        dated=frozenset(moments),
+        exact=exact,
+    )
 
 
 def _bytes_of(kind: str) -> int:
@@ -106,6 +116,17 @@ def _columns(table: Any) -> tuple[dict[str, FloatArray], dict[str, Dated]]:
         if kind.startswith(_OF_DAY) and np.isfinite(columns[name]).any():
             moments[name] = _of_day(columns[name] / _PER_SECOND[of_type.unit])
     return columns, moments
+
+
+def _exact(table: Any) -> dict[str, IntArray]:
+    """Whole numbers that doubles do not hold; 0 where a cell is empty."""
+    found = {}
+    for name, of_type in zip(table.column_names, table.schema.types, strict=True):
+        if str(of_type) in ("int64", "uint64") and table.num_rows:
+            whole = table.column(name).fill_null(0).to_numpy()
+            if EXACT < max(int(whole.max()), -int(whole.min())) <= _LARGEST:
+                found[name] = whole.astype(np.int64)
+    return found
 
 
 def _stamped(values: np.ndarray) -> Dated:

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.logs.clocks import SAME, SHARED, joining_s, nearest
 from hydro_ident.logs.file import Log
 from hydro_ident.logs.guess import LEVELS, Guess, Reading, weakest
+from hydro_ident.logs.joining import SAME, SHARED, joining_s, nearest
 from hydro_ident.logs.signal import FILL_IN
 from hydro_ident.logs.times import (
     EPOCH,

@@ -131,6 +131,7 @@ def _read_table(path: Path, lines: Sequence[tuple[int, str]], layout: CsvLayout)
         lines=dict.fromkeys(names, cells.lines),
         unread=cells.unread,
         dated=cells.dated,
+        exact=cells.exact,
     )
 
 
