@@ -1,8 +1,7 @@
-"""Cells of text logs as numbers: decimal points or commas, thousands, empty cells, cut lines."""
+"""Cells of text logs as columns: names that repeat, lines that were cut, dates, numbers."""
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,20 +13,8 @@ from hydro_ident.errors import BagError
 from hydro_ident.logs.dates import Dated, dated, together, why_unread
 from hydro_ident.logs.dates_apart import dates_apart
 from hydro_ident.logs.file import EXACT, SHOWN
+from hydro_ident.logs.numbers import is_number, numbers, why_no_numbers
 from hydro_msgs_docs.cdr import FloatArray, IntArray
-
-MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
-_COMMA_NUMBER = re.compile(r"\s*[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*")
-#: A number with a decimal point or comma, or one with thousands.
-_POINTS = re.compile(r"\s*[+-]?[1-9]\d{0,2}(?:\.\d{3})+\s*")
-_COMMAS = re.compile(r"\s*[+-]?[1-9]\d{0,2}(?:,\d{3})+\s*")
-#: What a line that was cut leaves of a number with thousands.
-_CUT = re.compile(r"\s*[+-]?[1-9]\d{0,2}(?:\.\d{3})*\.\d{0,2}\s*")
-#: By decimal sign: numbers whose thousands are parted by the other sign, beyond doubt.
-_GROUPED = {
-    ".": re.compile(r"\s*[+-]?\d{1,3}(?:,\d{3})+\.\d*\s*"),
-    ",": re.compile(r"\s*[+-]?\d{1,3}(?:\.\d{3})+,\d*\s*"),
-}
 
 #: Line number and cells.
 Row = tuple[int, list[str]]
@@ -140,7 +127,7 @@ def columns_of(
             moments[name], columns[name] = dates, dates.seconds  # put on one line of time below
             continue
         columns[name] = numbers(cells, at, f"{path}, column '{name[:SHOWN]}'", decimal)
-        if why := why_unread(cells) or _why_no_numbers(columns[name], cells, decimal):
+        if why := why_unread(cells) or why_no_numbers(columns[name], cells, decimal):
             unread[name] = why
     apart = dates_apart(names, rows, [n for n, m in moments.items() if not m.start])
     if apart is not None:
@@ -189,113 +176,3 @@ def _whole(
         )
         raise BagError(f"{path}, line {number}: {found}; {tried}")
     return rows, []
-
-
-def is_number(text: str, decimal: str) -> bool:
-    """Whether a cell is a number.
-
-    Parameters
-    ----------
-    text, decimal : str
-    """
-    if decimal == "," and "." in text and not _GROUPED[","].fullmatch(text):
-        return False
-    try:
-        float(_plain(text, decimal))
-    except ValueError:
-        return False
-    return "_" not in text
-
-
-def _plain(text: str, decimal: str) -> str:
-    """A cell as Python writes numbers."""
-    other = "," if decimal == "." else "."
-    if other in text and _GROUPED[decimal].fullmatch(text):
-        text = text.replace(other, "")
-    return text.replace(",", ".", 1) if decimal == "," else text
-
-
-def numbers(cells: Sequence[str], lines: Sequence[int], where: str, decimal: str) -> FloatArray:
-    """A column of texts as numbers.
-
-    Parameters
-    ----------
-    cells : sequence of str
-    lines : sequence of int
-        Line number of each, for messages.
-    where : str
-        For messages.
-    decimal : str
-
-    Returns
-    -------
-    (N,) array
-        NaN where a cell is empty, and everywhere where no cell is a number.
-
-    Raises
-    ------
-    BagError
-        Some cells are numbers and one is something else.
-    """
-    given = [cell.replace(",", ".", 1) for cell in cells] if decimal == "," else cells
-    if decimal != "," or not _may_be_thousands(cells):
-        try:
-            return np.array(given, dtype=np.float64)
-        except ValueError:
-            pass
-    result = np.full(len(cells), np.nan)
-    if not any(is_number(cell, decimal) for cell in cells):
-        return result  # A column of remarks: only an error if the mapping asks for it.
-    for k, cell in enumerate(cells):
-        if cell.strip().lower() in MISSING:
-            continue
-        if not is_number(cell, decimal):
-            raise BagError(
-                f"{where}, line {lines[k]}: expected a number,"
-                f" found '{cell.strip()[:SHOWN]}'{_hint(cell, last=k == len(cells) - 1)}"
-            )
-        result[k] = float(_plain(cell, decimal))
-    return result
-
-
-def commas_are_decimal(cells: Sequence[str]) -> bool:
-    """Whether some commas are decimal signs beyond doubt and no point is one.
-
-    Parameters
-    ----------
-    cells : sequence of str
-        Of a table that no commas part.
-    """
-    pointed = [cell for cell in cells if "." in cell and is_number(cell, ".")]
-    return all(_POINTS.fullmatch(cell) for cell in pointed) and any(
-        _COMMA_NUMBER.fullmatch(cell) and not _COMMAS.fullmatch(cell) for cell in cells
-    )
-
-
-def _may_be_thousands(cells: Sequence[str]) -> bool:
-    """Whether the points of a column in a log of decimal commas may part thousands."""
-    if not any("." in cell for cell in cells):
-        return False
-    if any("," in cell for cell in cells):
-        return True  # No column has two decimal signs.
-    sure = [k for k, cell in enumerate(cells) if "." in cell and not _POINTS.fullmatch(cell)]
-    return not sure or (sure == [len(cells) - 1] and bool(_CUT.fullmatch(cells[-1])))
-
-
-def _why_no_numbers(column: FloatArray, cells: Sequence[str], decimal: str) -> str:
-    """Why a column that begins with what may be thousands is not read, where it is not."""
-    if not np.isnan(column).all():
-        return ""
-    first = next((cell.strip() for cell in cells if cell.strip().lower() not in MISSING), "")
-    if not (_COMMAS if decimal == "." else _POINTS).fullmatch(first):
-        return ""
-    return f"expected numbers, found '{first[:SHOWN]}'{_hint(first, last=False)}"
-
-
-def _hint(cell: str, *, last: bool) -> str:
-    """What may be behind a cell that is no number."""
-    if _COMMA_NUMBER.fullmatch(cell):
-        return "; is the decimal sign a comma, or does it part thousands? then write it without"
-    if _POINTS.fullmatch(cell) or ("." in cell and is_number(cell, ".")):
-        return "; does the point part thousands, or is it the decimal sign? then write it without"
-    return "; the last line: leave it out of a copy of the file if it was cut" if last else ""

@@ -14,10 +14,11 @@ from pathlib import Path
 
 from hydro_ident.bag.memory import require
 from hydro_ident.errors import BagError
-from hydro_ident.logs.cells import Row, check_names, columns_of, commas_are_decimal, is_number
+from hydro_ident.logs.cells import Row, check_names, columns_of
 from hydro_ident.logs.dates import is_moment
 from hydro_ident.logs.file import LARGEST_RATIO, CsvLayout, Log, most_unfolded
 from hydro_ident.logs.memory import TextSize, read_text
+from hydro_ident.logs.numbers import commas_are_decimal, is_number
 from hydro_ident.logs.units import spelt
 
 #: Lines from the middle of a file that tell delimiter and decimal sign.
