@@ -11,7 +11,11 @@ from hydro_ident.errors import BagError
 from hydro_ident.logs.file import SHOWN
 from hydro_msgs_docs.cdr import FloatArray
 
-MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
+#: What stands for a missing number: words, spreadsheets' errors, and of an older C library.
+_MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--", "---"}) | frozenset(
+    {"#n/a", "#nv", "#value!", "#wert!", "#div/0!", "#num!", "#zahl!", "n. def.", "n.def."}
+)
+_NO_NUMBER = re.compile(r"[+-]?1[.,]#(?:qnan|snan|ind|inf)\d*")
 _COMMA_NUMBER = re.compile(r"\s*[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*")
 #: A number with a decimal point or comma, or one with thousands.
 _POINTS = re.compile(r"\s*[+-]?[1-9]\d{0,2}(?:\.\d{3})+\s*")
@@ -23,6 +27,17 @@ _GROUPED = {
     ".": re.compile(r"\s*[+-]?\d{1,3}(?:,\d{3})+\.\d*\s*"),
     ",": re.compile(r"\s*[+-]?\d{1,3}(?:\.\d{3})+,\d*\s*"),
 }
+
+
+def is_missing(text: str) -> bool:
+    """Whether a cell stands for a missing number.
+
+    Parameters
+    ----------
+    text : str
+    """
+    bare = text.strip().lower()
+    return bare in _MISSING or ("#" in bare and _NO_NUMBER.fullmatch(bare) is not None)
 
 
 def is_number(text: str, decimal: str) -> bool:
@@ -64,7 +79,8 @@ def numbers(cells: Sequence[str], lines: Sequence[int], where: str, decimal: str
     Returns
     -------
     (N,) array
-        NaN where a cell is empty, and everywhere where no cell is a number.
+        NaN where a cell is empty or stands for a missing number, and everywhere where no cell is
+        a number.
 
     Raises
     ------
@@ -81,7 +97,7 @@ def numbers(cells: Sequence[str], lines: Sequence[int], where: str, decimal: str
     if not any(is_number(cell, decimal) for cell in cells):
         return result  # A column of remarks: only an error if the mapping asks for it.
     for k, cell in enumerate(cells):
-        if cell.strip().lower() in MISSING:
+        if is_missing(cell):
             continue
         if not is_number(cell, decimal):
             raise BagError(
@@ -133,7 +149,7 @@ def why_no_numbers(column: FloatArray, cells: Sequence[str], decimal: str) -> st
     """
     if not np.isnan(column).all():
         return ""
-    first = next((cell.strip() for cell in cells if cell.strip().lower() not in MISSING), "")
+    first = next((cell.strip() for cell in cells if not is_missing(cell)), "")
     if not (_COMMAS if decimal == "." else _POINTS).fullmatch(first):
         return ""
     return f"expected numbers, found '{first[:SHOWN]}'{_hint(first, last=False)}"
@@ -145,4 +161,9 @@ def _hint(cell: str, *, last: bool) -> str:
         return "; is the decimal sign a comma, or does it part thousands? then write it without"
     if _POINTS.fullmatch(cell) or ("." in cell and is_number(cell, ".")):
         return "; does the point part thousands, or is it the decimal sign? then write it without"
-    return "; the last line: leave it out of a copy of the file if it was cut" if last else ""
+    if last:
+        return "; the last line: leave it out of a copy of the file if it was cut"
+    return (
+        "; a missing number is an empty cell, NaN or #N/A: write it so in a copy of the file, or"
+        " leave the line out"
+    )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import gzip
+import re
 import zlib
 from collections import Counter
 from collections.abc import Sequence
@@ -18,13 +19,15 @@ from hydro_ident.logs.cells import Row, check_names, columns_of
 from hydro_ident.logs.dates import is_moment
 from hydro_ident.logs.file import LARGEST_RATIO, CsvLayout, Log, most_unfolded
 from hydro_ident.logs.memory import TextSize, read_text
-from hydro_ident.logs.numbers import commas_are_decimal, is_number
+from hydro_ident.logs.numbers import commas_are_decimal, is_missing, is_number
 from hydro_ident.logs.units import spelt
 
 #: Lines from the middle of a file that tell delimiter and decimal sign.
 _SAMPLED = 200
 #: Longest line; and bytes for each cell of what a packed log may unfold to.
 _MOST_CHARACTERS = 1 << 22
+#: A typographer's minus as the sign of a cell's number.
+_MINUS = re.compile(r"(?<![^\s;,|\"])\u2212(?=[.,]?\d)")
 _BYTES_PER_CELL = 32
 
 
@@ -76,15 +79,20 @@ def _read_layout(path: Path, layout: CsvLayout) -> Log:
 def _text(path: Path) -> str:
     try:
         raw = _unpacked(path) if path.suffix.lower() == ".gz" else read_text(path)
-        if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            return raw.decode("utf-16")
-        try:
-            return raw.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            # Tools on Windows write `°` and `µ` of units so.
-            return raw.decode("cp1252")
+        text = _decoded(raw)
+        return _MINUS.sub("-", text) if "\u2212" in text else text
     except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
         raise BagError(f"{path}: cannot be read as text: {error}") from error
+
+
+def _decoded(raw: bytes) -> str:
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return raw.decode("utf-16")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        # Tools on Windows write `°` and `µ` of units so.
+        return raw.decode("cp1252")
 
 
 def _unpacked(path: Path) -> bytes:
@@ -157,7 +165,7 @@ def dialect(lines: Sequence[str], layout: CsvLayout) -> tuple[str, str]:
         rows = [row for _, row in split(list(enumerate(half)), delimiter)]
         width, alike = Counter(len(row) for row in rows).most_common(1)[0]
         for decimal in [layout.decimal] if layout.decimal else [".", ","]:
-            cells = [cell for row in rows for cell in row if cell.strip()]
+            cells = [cell for row in rows for cell in row if not is_missing(cell)]
             asked = layout.delimiter and layout.decimal
             if decimal == delimiter and not (asked or commas_are_decimal(cells)):
                 continue  # Commas that part columns and stand in quoted cells may part thousands.
@@ -191,8 +199,11 @@ def split(lines: Sequence[tuple[int, str]], delimiter: str) -> list[Row]:
 
 
 def _is_data(row: Sequence[str], decimal: str) -> bool:
-    cells = [cell for cell in row if cell.strip()]
-    return sum(is_number(cell, decimal) or is_moment(cell) for cell in cells) * 2 > len(cells)
+    known = [is_number(cell, decimal) or is_moment(cell) for cell in row if cell.strip()]
+    missing = sum(
+        is_missing(cell) and not is_number(cell, decimal) for cell in row if cell.strip()
+    )
+    return sum(known) * 2 > len(known) - missing
 
 
 def _header(path: Path, rows: Sequence[Row], data: Row) -> tuple[list[str], dict[str, str], int]:

@@ -1,0 +1,52 @@
+"""What stands for a missing number in a text log, and a minus that is no hyphen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hydro_ident.errors import BagError
+from hydro_ident.logs.file import Log, read_log
+
+SPELLINGS = [
+    *("#N/A", "#NV", "#DIV/0!", "#WERT!", "n. def.", "--", "---", "NaN", "n/a"),
+    *("1.#QNAN", "-1.#IND", "-1.#IND00", "1.#INF", "1,#QNAN"),
+]
+
+
+def table(folder: Path, *rows: str) -> Log:
+    (folder / "log.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    return read_log(folder / "log.csv")
+
+
+@pytest.mark.parametrize("spelling", SPELLINGS)
+@pytest.mark.parametrize(("decimal", "first"), [(".", False), (",", True)])
+def test_a_missing_number_does_not_refuse_the_log(
+    decimal: str, first: bool, spelling: str, tmp_path: Path
+) -> None:
+    at = 0 if first else 2
+    cells = [[f"0{decimal}{k}", f"1{decimal}5", f"2{decimal}5", f"-{k}"] for k in range(5)]
+    cells[at][1] = cells[at][2] = cells[at][3] = spelling
+    log = table(tmp_path, "t;q;p;u", *map(";".join, cells))
+    expected = np.full(5, 1.5)
+    expected[at] = np.nan
+    np.testing.assert_array_equal(log.columns["q"], expected)
+    np.testing.assert_allclose(log.columns["t"], 0.1 * np.arange(5))
+
+
+def test_another_text_says_what_can_be_tried(tmp_path: Path) -> None:
+    said = "line 3: expected a number, found 'off'; a missing number is an empty cell, NaN or #N/A"
+    with pytest.raises(BagError, match=said):
+        table(tmp_path, "t,q", "0,1", "1,off", "2,3")
+
+
+def test_a_minus_that_is_no_hyphen_is_a_sign(tmp_path: Path) -> None:
+    minus = "\u2212"
+    rows = [f'{minus}{k}.5,"{minus}.25",{minus}1' for k in range(5, 0, -1)]
+    log = table(tmp_path, f"t,q {minus} r,p", *rows)
+    np.testing.assert_array_equal(log.columns["t"], [-5.5, -4.5, -3.5, -2.5, -1.5])
+    np.testing.assert_array_equal(log.columns[f"q {minus} r"], np.full(5, -0.25))
+    log = table(tmp_path, "t;q", f"0,5;{minus}1,5", f"0,6;{minus}2,5")
+    np.testing.assert_array_equal(log.columns["q"], [-1.5, -2.5])
