@@ -35,7 +35,7 @@ class CsvLayout:
     Attributes
     ----------
     delimiter : str
-        Empty: comma, semicolon or tab, whichever makes numbers of the lines.
+        Empty: comma, semicolon, tab, `|` or blanks, whichever makes numbers of the lines.
     comment : str
         Lines that begin with it are left out; empty: none are.
     decimal : str

@@ -20,9 +20,9 @@ import numpy as np
 
 from hydro_ident.errors import BagError
 from hydro_ident.logs.cells import Row, check_once, columns_of
+from hydro_ident.logs.dialect import dialect, split
 from hydro_ident.logs.file import CsvLayout, Log
 from hydro_ident.logs.numbers import is_number, numbers
-from hydro_ident.logs.text import dialect, split
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 Lines = Sequence[tuple[int, str]]

@@ -10,7 +10,7 @@ from hydro_ident.bag import memory
 #: What a text log takes at most: for each byte (raw, decoded, in lines), cell and line. Measured
 #: at the readers of this package; logs of long lines take about half of it.
 _PER_BYTE, _PER_CELL, _PER_LINE = 4, 72, 450
-_MARKS = (b",", b";", b"\t")
+_MARKS = (b",", b";", b"\t", b"|")
 _LINE_ENDS = (b"\n", b"\r")
 
 
@@ -38,7 +38,8 @@ class TextSize:
         ends = sum(piece.count(mark) for mark in _LINE_ENDS)
         self.count += len(piece)
         self.lines += ends
-        self.cells += ends + sum(piece.count(mark) for mark in _MARKS)
+        # Blanks part columns only where no other sign does.
+        self.cells += ends + max(sum(map(piece.count, _MARKS)), piece.count(b" "))
 
     @property
     def needed(self) -> int:

@@ -17,13 +17,12 @@ from hydro_ident.bag.memory import require
 from hydro_ident.errors import BagError
 from hydro_ident.logs.cells import Row, check_names, columns_of
 from hydro_ident.logs.dates import is_moment
+from hydro_ident.logs.dialect import dialect, split
 from hydro_ident.logs.file import LARGEST_RATIO, CsvLayout, Log, most_unfolded
 from hydro_ident.logs.memory import TextSize, read_text
-from hydro_ident.logs.numbers import commas_are_decimal, is_missing, is_number
+from hydro_ident.logs.numbers import is_missing, is_number
 from hydro_ident.logs.units import spelt
 
-#: Lines from the middle of a file that tell delimiter and decimal sign.
-_SAMPLED = 200
 #: Longest line; and bytes for each cell of what a packed log may unfold to.
 _MOST_CHARACTERS = 1 << 22
 #: A typographer's minus as the sign of a cell's number.
@@ -128,7 +127,7 @@ def _read_table(path: Path, lines: Sequence[tuple[int, str]], layout: CsvLayout)
         )
     names, units, skipped = _header(path, rows[:begin], rows[begin])
     cells = columns_of(path, names, rows[begin:], decimal)
-    shown = {"\t": "tab"}.get(delimiter, delimiter)
+    shown = {"\t": "tab", " ": "blanks"}.get(delimiter, delimiter)
     notes = [f"delimiter '{shown}', decimal '{decimal}'"]
     notes += [f"{skipped} lines above the names left out"] if skipped else []
     return Log(
@@ -142,60 +141,6 @@ def _read_table(path: Path, lines: Sequence[tuple[int, str]], layout: CsvLayout)
         dated=cells.dated,
         exact=cells.exact,
     )
-
-
-def dialect(lines: Sequence[str], layout: CsvLayout) -> tuple[str, str]:
-    """Delimiter and decimal sign of lines.
-
-    Parameters
-    ----------
-    lines : sequence of str
-    layout : CsvLayout
-        What is given is kept.
-
-    Returns
-    -------
-    tuple of str
-        Delimiter, decimal sign: those that make numbers of most cells, all lines equally long;
-        points that may part thousands do not outnumber decimal commas.
-    """
-    half = lines[len(lines) // 2 :][:_SAMPLED]
-    found: list[tuple[float, str, str]] = []
-    for delimiter in [layout.delimiter] if layout.delimiter else [";", "\t", ","]:
-        rows = [row for _, row in split(list(enumerate(half)), delimiter)]
-        width, alike = Counter(len(row) for row in rows).most_common(1)[0]
-        for decimal in [layout.decimal] if layout.decimal else [".", ","]:
-            cells = [cell for row in rows for cell in row if not is_missing(cell)]
-            asked = layout.delimiter and layout.decimal
-            if decimal == delimiter and not (asked or commas_are_decimal(cells)):
-                continue  # Commas that part columns and stand in quoted cells may part thousands.
-            good = sum(is_number(cell, decimal) for cell in cells) / max(len(cells), 1)
-            # A comma between digits parts columns or decimals; where semicolons or tabs part
-            # columns, it is decimals. More columns decide between readings that are equally good.
-            found.append((good * alike / len(rows) + 1e-6 * min(width, 1000), delimiter, decimal))
-    _, delimiter, decimal = max(found, key=lambda entry: entry[0])
-    if delimiter != "," and decimal != layout.decimal:
-        cells = [cell for _, row in split(list(enumerate(half)), delimiter) for cell in row]
-        decimal = "," if commas_are_decimal(cells) else decimal
-    return delimiter, decimal
-
-
-def split(lines: Sequence[tuple[int, str]], delimiter: str) -> list[Row]:
-    """Lines as cells.
-
-    Parameters
-    ----------
-    lines : sequence of (int, str)
-        Line number and text.
-    delimiter : str
-
-    Returns
-    -------
-    list of (int, list of str)
-    """
-    # With its end of line, a quote that is left open makes no number of two lines.
-    rows = csv.reader((f"{line}\n" for _, line in lines), delimiter=delimiter)
-    return [(lines[rows.line_num - 1][0], row) for row in rows]
 
 
 def _is_data(row: Sequence[str], decimal: str) -> bool:
