@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hydro_ident.errors import BagError
 from hydro_ident.logs.file import CsvLayout, Log, read_log
 
 BY_HAND = CsvLayout(delimiter=" ")
@@ -65,3 +66,41 @@ def test_bars_part_columns(tmp_path: Path) -> None:
     log = table(tmp_path, "t|lift angle", *(f"0,{k}|1,5" for k in range(5)))
     assert "delimiter '|', decimal ','" in log.notes
     np.testing.assert_array_equal(log.columns["lift angle"], np.full(5, 1.5))
+
+
+@pytest.mark.parametrize("sign", ["#", "%", "# ", "%% "])
+def test_remarks_among_numbers_are_left_out(sign: str, tmp_path: Path) -> None:
+    rows = [f"{k},{k + 0.5}" for k in range(6)]
+    remark = f"{sign}the operator pressed pause"
+    log = table(tmp_path, remark, "t,q", "s,deg", *rows[:3], remark, *rows[3:], remark)
+    np.testing.assert_array_equal(log.columns["q"], 0.5 + np.arange(6))
+    assert log.units == {"t": "s", "q": "deg"}
+
+
+def test_names_behind_a_percent_sign_are_kept(tmp_path: Path) -> None:
+    assert list(table(tmp_path, "%t,q", "0,1", "1,2").columns) == ["%t", "q"]
+
+
+@pytest.mark.parametrize(
+    ("names", "row"), [("# t,q,p", "{0},1.5,2.5"), ("# t q p", "{0} 1.5 2.5")]
+)
+def test_names_in_a_comment_right_above_the_numbers_are_read(
+    names: str, row: str, tmp_path: Path
+) -> None:
+    """As NumPy's savetxt writes them."""
+    log = table(tmp_path, "# Run 7", names, *(row.format(k) for k in range(5)))
+    assert list(log.columns) == ["t", "q", "p"]
+    assert "names from line 2, a comment" in log.notes
+
+
+def test_a_missing_number_that_begins_a_line_is_no_remark(tmp_path: Path) -> None:
+    log = table(tmp_path, "t;q", "0;1", "#N/A;2", "#NV;3", "3;4")
+    np.testing.assert_array_equal(log.columns["t"], [0.0, np.nan, np.nan, 3.0])
+
+
+def test_what_remarks_begin_with_can_be_said(tmp_path: Path) -> None:
+    rows = ["t,q", "0,1", "// pause", "1,2", "2,3", "3,4"]
+    said = r"line 3: expected 2 columns, found 1; leave a remark .* or say .* csv: \{comment: \}"
+    with pytest.raises(BagError, match=said):
+        table(tmp_path, *rows)
+    assert len(table(tmp_path, *rows, layout=CsvLayout(comment="//")).columns["t"]) == 4

@@ -116,7 +116,7 @@ def columns_of(
     BagError
         Lines of different lengths, or a cell that is no number.
     """
-    rows, notes = _whole(path, names, rows, at_end=at_end)
+    rows, notes = _whole(path, names, rows, decimal, at_end=at_end)
     at = [number for number, _ in rows]
     columns: dict[str, FloatArray] = {}
     unread: dict[str, str] = {}
@@ -159,7 +159,7 @@ def _exact(
 
 
 def _whole(
-    path: Path, names: Sequence[str], rows: Sequence[Row], *, at_end: bool
+    path: Path, names: Sequence[str], rows: Sequence[Row], decimal: str, *, at_end: bool
 ) -> tuple[Sequence[Row], list[str]]:
     """Rows that have a cell for every name, and what was left out."""
     for k, (number, row) in enumerate(rows):
@@ -169,10 +169,17 @@ def _whole(
         found = f"expected {len(names)} columns, found {len(row)}"
         if at_end and not extra and 0 < k == len(rows) - 1:
             return rows[:-1], [f"line {number}, the last one, is cut and left out: {found}"]
-        tried = (
-            "text that holds the delimiter has to stand in quotes"
-            if extra
-            else "leave a line that was cut out of a copy of the file"
-        )
-        raise BagError(f"{path}, line {number}: {found}; {tried}")
+        raise BagError(f"{path}, line {number}: {found}; {_to_try(row, decimal, bool(extra))}")
     return rows, []
+
+
+def _to_try(row: Sequence[str], decimal: str, more: bool) -> str:
+    """What may help with a line of another length than the table's."""
+    if not any(is_number(cell, decimal) for cell in row):
+        return (
+            "leave a remark among the numbers out of a copy of the file, or say in the mapping"
+            " what such lines begin with: csv: {comment: }"
+        )
+    if more:
+        return "text that holds the delimiter has to stand in quotes"
+    return "leave a line that was cut out of a copy of the file"

@@ -37,13 +37,14 @@ class CsvLayout:
     delimiter : str
         Empty: comma, semicolon, tab, `|` or blanks, whichever makes numbers of the lines.
     comment : str
-        Lines that begin with it are left out; empty: none are.
+        Lines that begin with it are left out; empty: those that begin with `#`, and those with
+        `%` that have fewer or more cells than the table.
     decimal : str
         `.` or `,`; empty: whichever the numbers are written with.
     """
 
     delimiter: str = ""
-    comment: str = "#"
+    comment: str = ""
     decimal: str = ""
 
 

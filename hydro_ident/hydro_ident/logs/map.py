@@ -225,14 +225,14 @@ def _start_ns(top: Fields) -> int:
 
 def _layout(fields: Fields) -> CsvLayout:
     no_other_keys(fields, {"delimiter", "comment", "decimal"})
-    layout = CsvLayout()
     delimiter = str(fields.text("delimiter", ",")) if "delimiter" in fields else ""
     if len(delimiter) > 1 or delimiter in tuple('\n\r"'):
         raise BagError(f"{fields.where}: 'delimiter' should be one character, found {delimiter!r}")
     decimal = fields.text("decimal") if "decimal" in fields else ""
     if decimal not in ("", ".", ","):
         raise BagError(f"{fields.where}: 'decimal' should be '.' or ',', found '{decimal}'")
-    return CsvLayout(delimiter, fields.text("comment", layout.comment), decimal)
+    comment = fields.text("comment") if "comment" in fields else ""
+    return CsvLayout(delimiter, comment, decimal)
 
 
 def _check_names(

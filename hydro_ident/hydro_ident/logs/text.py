@@ -25,6 +25,8 @@ from hydro_ident.logs.units import spelt
 
 #: Longest line; and bytes for each cell of what a packed log may unfold to.
 _MOST_CHARACTERS = 1 << 22
+#: What may part a line's first cell from the rest.
+_FIRST = re.compile(r"[;,|\s]")
 #: A typographer's minus as the sign of a cell's number.
 _MINUS = re.compile(r"(?<![^\s;,|\"])\u2212(?=[.,]?\d)")
 _BYTES_PER_CELL = 32
@@ -68,11 +70,18 @@ def _read_layout(path: Path, layout: CsvLayout) -> Log:
     first = next((line for _, line in lines if line.strip()), "")
     if first.startswith("LabVIEW Measurement"):
         return read_labview(path, lines)
-    if layout.comment:
-        lines = [(n, line) for n, line in lines if not line.startswith(layout.comment)]
+    remarks = [(n, line) for n, line in lines if _is_remark(line, layout)]
+    lines = [(n, line) for n, line in lines if not _is_remark(line, layout)]
     if is_control_desk(lines):
         return read_control_desk(path, lines, layout)
-    return _read_table(path, [(n, line) for n, line in lines if line.strip()], layout)
+    return _read_table(path, [(n, line) for n, line in lines if line.strip()], remarks, layout)
+
+
+def _is_remark(line: str, layout: CsvLayout) -> bool:
+    """Whether a line is left out by how it begins; `#N/A` is a missing number."""
+    if layout.comment:
+        return line.startswith(layout.comment)
+    return line.startswith("#") and not is_missing(_FIRST.split(line, maxsplit=1)[0])
 
 
 def _text(path: Path) -> str:
@@ -111,13 +120,21 @@ def _unpacked(path: Path) -> bytes:
     return bytes(raw)
 
 
-def _read_table(path: Path, lines: Sequence[tuple[int, str]], layout: CsvLayout) -> Log:
+def _read_table(
+    path: Path,
+    lines: Sequence[tuple[int, str]],
+    remarks: Sequence[tuple[int, str]],
+    layout: CsvLayout,
+) -> Log:
     if len(lines) < 2:
         raise BagError(f"{path}: expected a line of names and lines of numbers, found fewer")
     delimiter, decimal = dialect([line for _, line in lines], layout)
     rows = split(lines, delimiter)
     # A date alone above the names is no line of a table of several columns.
     usual = Counter(len(row) for _, row in rows).most_common(1)[0][0]
+    if not layout.comment:
+        # Of the table's width it may be the line of names.
+        rows = [r for r in rows if len(r[1]) == usual or not "".join(r[1][:1]).startswith("%")]
     data = (k for k, (_, row) in enumerate(rows) if _is_data(row, decimal))
     begin = next((k for k in data if len(rows[k][1]) > 1 or usual == 1), None)
     if begin is None:
@@ -125,11 +142,13 @@ def _read_table(path: Path, lines: Sequence[tuple[int, str]], layout: CsvLayout)
             f"{path}: expected lines of numbers, found none with delimiter '{delimiter}' and"
             f" decimal '{decimal}': give csv: {{delimiter: , decimal: }} in the mapping"
         )
-    names, units, skipped = _header(path, rows[:begin], rows[begin])
+    above = rows[:begin] or _remark_of_names(remarks, rows[begin], delimiter)
+    names, units, skipped = _header(path, above, rows[begin])
     cells = columns_of(path, names, rows[begin:], decimal)
     shown = {"\t": "tab", " ": "blanks"}.get(delimiter, delimiter)
     notes = [f"delimiter '{shown}', decimal '{decimal}'"]
     notes += [f"{skipped} lines above the names left out"] if skipped else []
+    notes += [f"names from line {above[-1][0]}, a comment"] if not begin else []
     return Log(
         path,
         cells.columns,
@@ -149,6 +168,13 @@ def _is_data(row: Sequence[str], decimal: str) -> bool:
         is_missing(cell) and not is_number(cell, decimal) for cell in row if cell.strip()
     )
     return sum(known) * 2 > len(known) - missing
+
+
+def _remark_of_names(remarks: Sequence[tuple[int, str]], data: Row, delimiter: str) -> list[Row]:
+    """The comment right above the numbers where it has a cell for each: names of NumPy's files."""
+    above = [(n, line.lstrip("#% ")) for n, line in remarks if n < data[0]]
+    rows = split(above[-1:], delimiter) if above and above[-1][1] else []
+    return rows if rows and len(rows[0][1]) == len(data[1]) > 1 else []
 
 
 def _header(path: Path, rows: Sequence[Row], data: Row) -> tuple[list[str], dict[str, str], int]:
