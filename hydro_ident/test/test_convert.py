@@ -176,7 +176,15 @@ def changed(**changes: object) -> dict:
         ),
         (changed(joints={"lift": {"signal": "q1", "unit": "turns"}}), "one of rad, deg"),
         (changed(joints={"lift": {"signal": "q1", "sign": 2}}), "'sign' should be 1 or -1"),
-        (changed(pressures={"supply": {"signal": "ps"}}), "key 'reference' is missing"),
+        (changed(joints={"lift": {"signal": "q1", "scale": 0}}), "'scale' should not be 0"),
+        (
+            changed(valves={"lift_valve": {"signal": "u1", "raw": [0, 1], "span": [5, 5]}}),
+            "'span' should be two different numbers",
+        ),
+        (
+            changed(pressures={"supply": {"signal": "ps"}}),
+            "key 'reference' is missing, expected gauge or absolute",
+        ),
         (changed(pressures={"supply": {"signal": "ps", "reference": "abs"}}), "gauge or absolute"),
         (changed(joins={}), "unknown key 'joins'"),
         (changed(start="yesterday"), "'start' should be like"),
@@ -198,8 +206,8 @@ def test_a_wrong_mapping_is_one_line_and_writes_nothing(
     [
         ("log.csv", "t,q1\n0,1\n1,2,3\n", "line 3: expected 2 columns, found 3"),
         ("log.csv", "t,q1\n0,1\n1,two\n", "column 'q1', line 3: expected a number, found 'two'"),
-        ("log.csv", "0,1\n1,2\n", "expected a first line of names"),
-        ("log.csv", "t,t\n0,1\n", "column 't' appears more than once"),
+        ("log.csv", "0,1\n1,2\n", "found numbers: write one above them in a copy"),
+        ("log.csv", "t,t\n0,1\n", "more than once: give each a name of its own in"),
         ("log.csv", "t,q1\n0,1\n0,2\n", "expected a time that increases"),
         ("log.csv", "t,q1\n0,1\n,2\n", "sample 2 has no time"),
         ("log.csv", "t,q1\n0,1\n", "expected at least 2 samples"),

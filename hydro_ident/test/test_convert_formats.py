@@ -83,7 +83,7 @@ def test_dates_and_times_of_day_are_time(tmp_path: Path) -> None:
 
 def test_windows_and_utf16_texts_are_read(tmp_path: Path) -> None:
     text = "t (s)\tWinkel (°)\n0\t1\n1\t2\n"
-    for encoding in ("cp1252", "utf-16", "utf-8-sig"):
+    for encoding in ("cp1252", "utf-16", "utf-8-sig", "utf-16-le", "utf-16-be"):
         (tmp_path / "log.txt").write_bytes(text.encode(encoding))
         assert read_log(tmp_path / "log.txt").units == {"t (s)": "s", "Winkel (°)": "°"}
 

@@ -138,3 +138,11 @@ def test_exact_stamps_of_two_clocks_and_cuts_are_on_one_line(tmp_path: Path) -> 
     fast, late = first + STEPS, 1000 * slow
     kept = [part[part <= 1_773_307_800_050_000_000] for part in (fast, late)]
     np.testing.assert_array_equal(stamps, np.sort(np.concatenate(kept)))
+
+
+def test_stamps_of_parquet_keep_how_much_later_each_begins(tmp_path: Path) -> None:
+    first = np.datetime64("2026-03-12T09:30:00", "ns") + np.arange(5) * np.timedelta64(10, "ms")
+    later = first + np.timedelta64(800, "ms")
+    log = read(tmp_path, t1=first, t2=later)
+    assert log.start == "2026-03-12T09:30:00.000000"
+    np.testing.assert_allclose(log.columns["t2"], 0.8 + 0.01 * np.arange(5))

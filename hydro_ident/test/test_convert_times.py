@@ -169,13 +169,18 @@ def test_stamps_since_1970_convert_as_suggested(name, text, unit, tmp_path: Path
     assert np.abs(stamps - expected).max() <= (120 if unit == "s" else 0)
 
 
-@pytest.mark.parametrize(("factor", "unit"), [(1, "s"), (10**9, "ns")])
-def test_stamps_since_1970_without_start_say_what_to_try(factor, unit, tmp_path, capsys) -> None:
-    log = table(tmp_path, t=(LATE_S + FAST) * factor, q=angle(FAST))
+@pytest.mark.parametrize(
+    ("year", "late", "factor", "unit"),
+    [(1970, 0, 1, "s"), (1970, 0, 10**9, "ns"), (1904, 2_082_844_800, 1, "s")],
+)
+def test_stamps_since_a_year_without_start_say_what_to_try(
+    year, late, factor, unit, tmp_path, capsys
+) -> None:
+    log = table(tmp_path, t=(LATE_S + late + FAST) * factor, q=angle(FAST))
     mapping = {"time": {"signal": "t", "unit": "s"}, "joints": JOINTS}
     assert converted(log, mapping, tmp_path) == 2
     said = capsys.readouterr().err
-    assert f'unit: {unit}, and start: "1970-01-01T00:00:00Z"' in said
+    assert f'counts {unit} from {year}: give it unit: {unit}, and start: "{year}-01-01T00' in said
 
 
 def dates(pattern: str, tmp_path: Path) -> Path:
@@ -376,15 +381,3 @@ def test_rounded_times_ask_for_a_rate_and_name_it(tmp_path: Path, capsys) -> Non
     assert "rounded too coarsely: give time: {rate_hz: ...} (its mean is 499.75 Hz)" in said
     assert converted(log, mapping, tmp_path) == 2
     assert "'rate_hz' is still to be filled in: samples per second" in capsys.readouterr().err
-
-
-def test_stamps_of_parquet_keep_how_much_later_each_begins(tmp_path: Path) -> None:
-    pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is not installed")
-    from pyarrow import parquet
-
-    first = np.datetime64("2026-03-12T09:30:00", "ns") + np.arange(5) * np.timedelta64(10, "ms")
-    later = first + np.timedelta64(800, "ms")
-    parquet.write_table(pyarrow.table({"t1": first, "t2": later}), tmp_path / "log.parquet")
-    log = read_log(tmp_path / "log.parquet")
-    assert log.start == "2026-03-12T09:30:00.000000"
-    np.testing.assert_allclose(log.columns["t2"], 0.8 + 0.01 * np.arange(5))

@@ -10,7 +10,7 @@ from scipy.io import savemat
 
 from hydro_ident.logs.file import read_log
 from hydro_ident.logs.guess import Guess
-from hydro_ident.logs.suggest import suggest
+from hydro_ident.logs.suggest import Suggestion, suggest
 
 FAST = 0.002 * np.arange(2000)
 SLOW = 0.8003 + 0.01 * np.arange(200)
@@ -63,3 +63,36 @@ def test_of_two_vectors_that_may_be_the_time_neither_is_taken(tmp_path: Path) ->
     found = guesses(tmp_path, tp=SLOW, tx=SLOW + 1.0)
     assert found["p_bar"].entry["time"] == "FILL_IN"
     assert found["p_bar"].why[-1].endswith("of tp or tx")
+
+
+LATE_1904 = 3_856_325_400.0  # 2026-03-12 in LabVIEW's seconds
+
+
+def suggested(folder: Path, **times: np.ndarray) -> Suggestion:
+    columns = {**times, "q_rad": 0.8 + 0.1 * np.sin(FAST), "p_bar": 100.0 + 20.0 * np.sin(FAST)}
+    savemat(folder / "log.mat", columns)
+    return suggest(read_log(folder / "log.mat"))
+
+
+@pytest.mark.parametrize("name", ["t", "t_s", "Time"])
+def test_seconds_since_1904_are_told_with_their_start(name: str, tmp_path: Path) -> None:
+    found = suggested(tmp_path, **{name: LATE_1904 + FAST})
+    assert found.start == "1904-01-01T00:00:00Z"
+    assert found.start_why == f"'{name}' counts from 1904"
+    [time] = [g for g in found.guesses if g.section == "time"]
+    assert (time.entry["unit"], time.level != "open") == ("s", True)
+    assert "counts s from 1904" in time.why
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        {"t_us": np.round(1e6 * FAST) + LATE_1904},  # over an hour of a counter
+        {"t": np.round(1e6 * FAST) + LATE_1904},
+        {"t": LATE_1904 + 2e9 + FAST},  # after 2038 from either
+    ],
+)
+def test_what_does_not_count_from_1904_gets_no_start(
+    times: dict[str, np.ndarray], tmp_path: Path
+) -> None:
+    assert suggested(tmp_path, **times).start == ""

@@ -16,6 +16,11 @@ from hydro_ident.logs.file import EXACT, SHOWN
 from hydro_ident.logs.numbers import is_number, numbers, why_no_numbers
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 
+NO_NAMES = (
+    "expected a first line of names, found numbers: write one above them in a copy of the file, a"
+    " name for each column"
+)
+
 #: Line number and cells.
 Row = tuple[int, list[str]]
 
@@ -69,7 +74,10 @@ def check_once(names: Sequence[str], path: Path) -> None:
     """
     twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
-        raise BagError(f"{path}: column '{twice[0][:SHOWN]}' appears more than once")
+        raise BagError(
+            f"{path}: column '{twice[0][:SHOWN]}' appears more than once: give each a name of its"
+            " own in a copy of the file"
+        )
 
 
 def check_names(names: Sequence[str], path: Path) -> None:
@@ -88,7 +96,7 @@ def check_names(names: Sequence[str], path: Path) -> None:
     """
     check_once(names, path)
     if all(is_number(name, ".") for name in names):
-        raise BagError(f"{path}: expected a first line of names, found numbers")
+        raise BagError(f"{path}: {NO_NAMES}")
 
 
 def columns_of(

@@ -17,7 +17,7 @@ from hydro_ident.logs.joining import joined
 from hydro_ident.logs.map import LogMap
 from hydro_ident.logs.origin import Seconds, seconds_of
 from hydro_ident.logs.signal import Clock, LogSignal
-from hydro_ident.logs.times import EPOCH, EPOCH_S, epoch_unit, stop_of
+from hydro_ident.logs.times import EPOCH_S, counts_from, stop_of
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 
@@ -175,10 +175,10 @@ def _check_span(log: Log, mapping: LogMap, cycles: FloatArray) -> None:
         raise BagError(f"{log.path}: {-seconds.min():g} s before 1970: give a later 'start'")
     if seconds.max() >= EPOCH_S[1]:
         clock = mapping.time
-        unit = epoch_unit(cycles / clock.factor) if clock is not None else ""
+        unit, zero = counts_from(cycles / clock.factor) if clock is not None else ("", "")
         hint = (
-            f"; '{clock.signal}' counts {unit} from 1970: give it unit: {unit}, and"
-            f' start: "{EPOCH}"'
+            f"; '{clock.signal}' counts {unit} from {zero[:4]}: give it unit: {unit}, and"
+            f' start: "{zero}"'
             if clock is not None and unit
             else "; is the unit of the time right, and 'start'?"
         )

@@ -19,6 +19,7 @@ from hydro_msgs_docs.cdr import FloatArray
 
 #: What a suggested mapping has where a person has to say.
 FILL_IN = "FILL_IN"
+_REFERENCES = "gauge or absolute, as the transducer's datasheet says"
 _KEYS = frozenset(
     {"signal", "minus", "unit", "scale", "offset", "sign", "wrap", "raw", "span", "time"}
 )
@@ -164,6 +165,11 @@ def signal_of(fields: Fields, quantity: str, atmosphere_pa: float) -> LogSignal:
         raise BagError(f"{fields.where}: 'sign' should be 1 or -1, found {sign:g}")
     offset = fields.number("offset", 0.0) + _reference_pa(fields, quantity, atmosphere_pa)
     scale = sign * fields.number("scale", 1.0)
+    if scale == 0.0:
+        raise BagError(
+            f"{fields.where}: 'scale' should not be 0, which leaves nothing of the signal; what"
+            " was held is {constant: , unit: }"
+        )
     offset += scale * _zero(fields, quantity)
     factor = scale * unit_of(fields, quantity)
     gain, zero = _span(fields)
@@ -187,9 +193,9 @@ def _zero(fields: Fields, quantity: str) -> float:
 def _reference_pa(fields: Fields, quantity: str, atmosphere_pa: float) -> float:
     if quantity != "pressure":
         return 0.0
-    reference = filled(
-        fields, "reference", "gauge or absolute, as the transducer's datasheet says"
-    )
+    if "reference" not in fields:
+        raise BagError(f"{fields.where}: key 'reference' is missing, expected {_REFERENCES}")
+    reference = filled(fields, "reference", _REFERENCES)
     if reference not in ("gauge", "absolute"):
         raise BagError(
             f"{fields.where}: 'reference' should be gauge or absolute, found '{reference}'"
@@ -204,8 +210,9 @@ def _span(fields: Fields) -> tuple[float, float]:
     if "minus" in fields:
         raise BagError(f"{fields.where}: 'raw' and 'span' do not go with 'minus'")
     raw, span = fields.vector("raw", 2), fields.vector("span", 2)
-    if raw[0] == raw[1]:
-        raise BagError(f"{fields.where}: 'raw' should be two different numbers")
+    for key, pair in (("raw", raw), ("span", span)):
+        if pair[0] == pair[1]:
+            raise BagError(f"{fields.where}: '{key}' should be two different numbers")
     gain = float((span[1] - span[0]) / (raw[1] - raw[0]))
     return gain, float(span[0] - gain * raw[0])
 

@@ -19,7 +19,7 @@ from hydro_ident.logs.times import (
     EPOCH,
     Beside,
     beside,
-    epoch_unit,
+    counts_from,
     stop_of,
     times_among,
     unit_beside,
@@ -118,15 +118,20 @@ def times_of(log: Log, readings: Sequence[Reading]) -> Times:
         for r in readings
         if r.column not in times
     }
-    epoch = epoch_unit(log.columns[main.column]) == unit
+    zero = _zero_of(log.columns[main.column], unit)
     guesses = {
-        f.name: _clock_guess(f, guess, own.values(), log.columns[f.name], epoch=epoch)
-        for f in further
+        f.name: _clock_guess(f, guess, own.values(), log.columns[f.name], zero) for f in further
     }
     guesses[main.column] = _with_clocks(guess, seconds, further, guesses)
-    if epoch:
-        start = (EPOCH, f"'{main.column}' counts from 1970")
+    if zero:
+        start = (zero, f"'{main.column}' counts from {zero[:4]}")
     return Times(guesses, own, *start)
+
+
+def _zero_of(values: FloatArray, unit: str) -> str:
+    """Where a time in this unit counts from, as a mapping's `start`; empty: its own beginning."""
+    counted, zero = counts_from(values)
+    return zero if counted == unit else ""
 
 
 def _rank(log: Log, reading: Reading) -> tuple[bool, int, int]:
@@ -171,10 +176,11 @@ def _time_guess(log: Log, reading: Reading) -> Guess:
     declared = _declared(reading)
     unit, level = declared, "sure"
     why: tuple[str, ...] = ()
-    if epoch := epoch_unit(values):
-        unit, why = epoch, (f"counts {epoch} from 1970",)
-        if declared and declared != epoch:
-            level, why = "guess", (f"counts from 1970, so in {epoch} and not in {declared}",)
+    counted, zero = counts_from(values)
+    if counted and (zero == EPOCH or declared in ("", counted)):
+        unit, why = counted, (f"counts {counted} from {zero[:4]}",)
+        if declared and declared != counted:
+            level, why = "guess", (f"counts from 1970, so in {counted} and not in {declared}",)
     elif reading.unknown:
         unit, why = FILL_IN, ("rate_hz in the place of signal gives its rate",)
     elif not declared:
@@ -211,7 +217,7 @@ def _unit_by_rate(step: float) -> tuple[str, str, tuple[str, ...]]:
 def _further(log: Log, reading: Reading, main_s: FloatArray, main_unit: str) -> _Further:
     values = log.columns[reading.column]
     known = main_unit if main_unit in UNITS["time"] else "s"
-    told = reading.unknown and not epoch_unit(values)
+    told = reading.unknown and not counts_from(values)[0]
     unit = "" if told else unit_beside(values, _declared(reading), main_s, known)
     seconds = values * UNITS["time"].get(unit, 1.0)
     same = len(values) == len(main_s)
@@ -277,7 +283,7 @@ def _by_place(log: Log, column: str, main: str, alike: Sequence[str]) -> OwnTime
 
 
 def _clock_guess(
-    further: _Further, guess: Guess, own: Collection[OwnTime], values: FloatArray, *, epoch: bool
+    further: _Further, guess: Guess, own: Collection[OwnTime], values: FloatArray, zero: str
 ) -> Guess:
     """A further time: a clock where a signal goes by it or may, else left out."""
     reading, name = further.reading, further.name
@@ -285,7 +291,7 @@ def _clock_guess(
     if not any(o.time == name or (o.time == FILL_IN and f"'{name}'" in o.why) for o in own):
         why = f"a second time, not taken: beside '{guess.column}' it {words}"
         return Guess(name, "", "", {}, reading.level, (*reading.why, why))
-    alike = (epoch_unit(values) == further.unit) == epoch
+    alike = _zero_of(values, further.unit) == zero
     entry: dict[str, object] = {"unit": further.unit or FILL_IN, "late_s": 0 if alike else FILL_IN}
     level = "open" if FILL_IN in entry.values() else weakest(reading.level, "likely")
     return Guess(name, "clocks", name, entry, level, (*reading.why, words))

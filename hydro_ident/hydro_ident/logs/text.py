@@ -15,7 +15,7 @@ from pathlib import Path
 
 from hydro_ident.bag.memory import require
 from hydro_ident.errors import BagError
-from hydro_ident.logs.cells import Row, check_names, columns_of
+from hydro_ident.logs.cells import NO_NAMES, Row, check_names, columns_of
 from hydro_ident.logs.dates import is_moment
 from hydro_ident.logs.dialect import dialect, split
 from hydro_ident.logs.file import LARGEST_RATIO, CsvLayout, Log, most_unfolded
@@ -25,6 +25,8 @@ from hydro_ident.logs.units import spelt
 
 #: Longest line; and bytes for each cell of what a packed log may unfold to.
 _MOST_CHARACTERS = 1 << 22
+#: Bytes that tell UTF-16, and the share of its high bytes that are empty in a log.
+_PROBED, _EMPTY = 2000, 0.9
 #: What may part a line's first cell from the rest.
 _FIRST = re.compile(r"[;,|\s]")
 #: A typographer's minus as the sign of a cell's number.
@@ -96,6 +98,12 @@ def _text(path: Path) -> str:
 def _decoded(raw: bytes) -> str:
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return raw.decode("utf-16")
+    for encoding, high in (("utf-16-le", 1), ("utf-16-be", 0)):
+        # Without a mark at its beginning: in every second byte of its signs there is nothing.
+        probe = raw[: _PROBED - _PROBED % 2]
+        empty = probe[high::2].count(0)
+        if empty > _EMPTY * len(probe) / 2 and 0 not in probe[1 - high :: 2]:
+            return raw.decode(encoding)
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -180,7 +188,7 @@ def _remark_of_names(remarks: Sequence[tuple[int, str]], data: Row, delimiter: s
 def _header(path: Path, rows: Sequence[Row], data: Row) -> tuple[list[str], dict[str, str], int]:
     """Names, units, and how many lines above belong to neither."""
     if not rows:
-        raise BagError(f"{path}: expected a first line of names, found numbers")
+        raise BagError(f"{path}: {NO_NAMES}")
     head = [row for _, row in rows]
     with_units = _known_units(head[-1]) if len(head) > 1 else 0
     named = len(head) - (2 if with_units else 1)

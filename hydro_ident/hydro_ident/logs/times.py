@@ -16,6 +16,8 @@ from hydro_msgs_docs.cdr import FloatArray
 #: are int32; and the `start` of such a log.
 EPOCH_S = (946_684_800.0, 2.0**31)
 EPOCH = "1970-01-01T00:00:00Z"
+#: LabVIEW's zero, how much earlier it is, s, and the longest step of a log that counts from it.
+LABVIEW, _EARLIER_S, _STEP_S = "1904-01-01T00:00:00Z", 2_082_844_800.0, 10.0
 #: Share of steps that may fail to increase in what is still a time: a few bad lines.
 _FEW = 0.01
 #: Two times run alike where their paces differ by no more than this.
@@ -239,6 +241,29 @@ def epoch_unit(values: FloatArray) -> str:
     return ""
 
 
+def counts_from(values: FloatArray) -> tuple[str, str]:
+    """Unit and zero of a time that counts from 1970, or in seconds from 1904 as LabVIEW's.
+
+    Parameters
+    ----------
+    values : (N,) array
+
+    Returns
+    -------
+    str, str
+        The zero as a mapping's `start`; both empty: it does neither.
+    """
+    if unit := epoch_unit(values):
+        return unit, EPOCH
+    known = values[np.isfinite(values)]
+    # A counter of us would have larger steps.
+    if len(known) > 1 and 0.0 < float(np.median(np.diff(known))) < _STEP_S:
+        low, high = float(known.min()) - _EARLIER_S, float(known.max()) - _EARLIER_S
+        if EPOCH_S[0] <= low and high < EPOCH_S[1]:
+            return "s", LABVIEW
+    return "", ""
+
+
 def unit_beside(values: FloatArray, declared: str, main_s: FloatArray, main_unit: str) -> str:
     """Unit of a further time: the file's, or one in which it spans about what the log does.
 
@@ -257,7 +282,7 @@ def unit_beside(values: FloatArray, declared: str, main_s: FloatArray, main_unit
     str
         Empty where none fits.
     """
-    if declared or (declared := epoch_unit(values)):
+    if declared or (declared := counts_from(values)[0]):
         return declared
     known, main = values[np.isfinite(values)], main_s[np.isfinite(main_s)]
     if len(known) < 2 or len(main) < 2 or main[-1] == main[0]:
