@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -129,3 +130,33 @@ def test_labview_segments_follow_each_other_by_their_own_times(tmp_path: Path) -
     log = read_log(write(tmp_path, head + segment(0) + segment(3), "log.lvm"))
     np.testing.assert_allclose(log.columns["X_Value"], [0.0, 0.1, 3.0, 3.1])
     assert log.notes == ("LabVIEW measurement file, 2 segments",)
+
+
+def waveforms(t0: str = "12.03.2026 09:30:00,000", time: str = "time\tY[0]\tY[1]") -> str:
+    head = f"waveform\tlift angle [deg]\tp lift A\nt0\t12.03.2026 09:30:00,000\t{t0}\n"
+    rows = [f"12.03.2026 09:30:00,{2 * k:03d}\t{k},5\t-{k},25" for k in range(20)]
+    return "\n".join([f"{head}delta t\t0,002\t0,002\n\n{time}", *rows]) + "\n"
+
+
+def test_labviews_export_of_waveforms_is_a_table(tmp_path: Path) -> None:
+    log = read_log(write(tmp_path, waveforms(), "a.txt"))
+    assert list(log.columns) == ["time", "lift angle [deg]", "p lift A"]
+    np.testing.assert_allclose(log.columns["time"], 0.002 * np.arange(20), atol=1e-12)
+    np.testing.assert_array_equal(log.columns["lift angle [deg]"], 0.5 + np.arange(20))
+    assert log.start == "2026-03-12T09:30:00.000"
+    assert log.notes[0] == "LabVIEW export of waveforms"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (waveforms(t0="12.03.2026 09:30:01,000"), "expected the same 't0' of all, found 12.03"),
+        (waveforms(time="time[0]\tY[0]\ttime[1]"), "export it with a single time column, or as"),
+        (waveforms(time="Y[0]\tY[1]"), "a LabVIEW export of waveforms, expected one row 'time'"),
+    ],
+)
+def test_waveforms_of_several_times_are_refused_with_what_to_export(
+    text: str, said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(BagError, match=re.escape(said)):
+        read_log(write(tmp_path, text, "a.txt"))

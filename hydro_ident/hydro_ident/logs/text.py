@@ -11,6 +11,7 @@ import re
 import zlib
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from hydro_ident.bag.memory import require
@@ -22,6 +23,7 @@ from hydro_ident.logs.file import LARGEST_RATIO, CsvLayout, Log, most_unfolded
 from hydro_ident.logs.memory import TextSize, read_text
 from hydro_ident.logs.numbers import is_missing, is_number
 from hydro_ident.logs.units import spelt
+from hydro_ident.logs.waveforms import is_waveforms, waveform_table
 
 #: Longest line; and bytes for each cell of what a packed log may unfold to.
 _MOST_CHARACTERS = 1 << 22
@@ -76,7 +78,11 @@ def _read_layout(path: Path, layout: CsvLayout) -> Log:
     lines = [(n, line) for n, line in lines if not _is_remark(line, layout)]
     if is_control_desk(lines):
         return read_control_desk(path, lines, layout)
-    return _read_table(path, [(n, line) for n, line in lines if line.strip()], remarks, layout)
+    lines = [(n, line) for n, line in lines if line.strip()]
+    if first.lower().startswith("waveform") and is_waveforms(lines):
+        log = _read_table(path, waveform_table(path, lines), [], layout)
+        return replace(log, notes=("LabVIEW export of waveforms", *log.notes))
+    return _read_table(path, lines, remarks, layout)
 
 
 def _is_remark(line: str, layout: CsvLayout) -> bool:
