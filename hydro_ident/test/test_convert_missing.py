@@ -9,6 +9,7 @@ import pytest
 
 from hydro_ident.errors import BagError
 from hydro_ident.logs.file import Log, read_log
+from hydro_ident.logs.numbers import exact_of
 
 SPELLINGS = [
     *("#N/A", "#NV", "#DIV/0!", "#WERT!", "n. def.", "--", "---", "NaN", "n/a"),
@@ -50,3 +51,23 @@ def test_a_minus_that_is_no_hyphen_is_a_sign(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.columns[f"q {minus} r"], np.full(5, -0.25))
     log = table(tmp_path, "t;q", f"0,5;{minus}1,5", f"0,6;{minus}2,5")
     np.testing.assert_array_equal(log.columns["q"], [-1.5, -2.5])
+
+
+@pytest.mark.parametrize(
+    ("cells", "decimal", "expected"),
+    [
+        (["1773307800.002", "1773307800,5"], ".", None),
+        (["1773307800.002", "1773307801"], ".", ([1773307800002, 1773307801000], 3)),
+        (["1.773.307.800,25", "", "n. def."], ",", ([177330780025, 0, 0], 2)),
+        (["1773307800000000001"], ".", ([1773307800000000001], 0)),
+        (["1.7733078e9"], ".", None),
+        (["1773307800." + "0" * 18 + "1"], ".", None),
+        (["99999999999.999999999"], ".", None),
+    ],
+    ids=["two signs", "points", "commas", "whole", "powers of ten", "digits", "64 bits"],
+)
+def test_what_a_double_rounds_is_kept_where_the_text_says_it(
+    cells: list[str], decimal: str, expected: tuple[list[int], int] | None
+) -> None:
+    found = exact_of(cells, decimal)
+    assert (None if found is None else (found.whole.tolist(), found.digits)) == expected

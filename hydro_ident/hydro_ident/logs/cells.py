@@ -12,8 +12,8 @@ import numpy as np
 from hydro_ident.errors import BagError
 from hydro_ident.logs.dates import Dated, dated, together, why_unread
 from hydro_ident.logs.dates_apart import dates_apart
-from hydro_ident.logs.file import EXACT, SHOWN
-from hydro_ident.logs.numbers import is_number, numbers, why_no_numbers
+from hydro_ident.logs.file import SHOWN, Exact
+from hydro_ident.logs.numbers import exact_of, is_number, numbers, why_no_numbers
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 NO_NAMES = (
@@ -21,6 +21,8 @@ NO_NAMES = (
     " name for each column"
 )
 
+#: Beside numbers from here on a double has no place for the ninth digit behind the point.
+_FAR = 1e6
 #: Line number and cells.
 Row = tuple[int, list[str]]
 
@@ -44,8 +46,8 @@ class Cells:
         `s` of columns of dates and times of day.
     dated : frozenset of str
         These: seconds since the first moment of the first of them.
-    exact : mapping of str to (N,) int64 array
-        Whole numbers that a double does not hold.
+    exact : mapping of str to Exact
+        Numbers of times that a double does not hold.
     """
 
     columns: Mapping[str, FloatArray]
@@ -55,7 +57,7 @@ class Cells:
     unread: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     dated: frozenset[str] = frozenset()
-    exact: Mapping[str, IntArray] = field(default_factory=dict)
+    exact: Mapping[str, Exact] = field(default_factory=dict)
 
 
 def check_once(names: Sequence[str], path: Path) -> None:
@@ -146,23 +148,21 @@ def columns_of(
     notes += [f"column '{name[:SHOWN]}': {m.note}" for name, m in moments.items() if m.note]
     lines, units = np.array(at, dtype=np.int64), dict.fromkeys(moments, "s")
     columns, start = together(columns, moments)
-    exact = _exact(names, rows, columns)
+    exact = _exact(names, rows, columns, decimal)
     return Cells(columns, lines, start, tuple(notes), unread, units, frozenset(moments), exact)
 
 
 def _exact(
-    names: Sequence[str], rows: Sequence[Row], columns: Mapping[str, FloatArray]
-) -> dict[str, IntArray]:
-    """Whole numbers that doubles do not hold; 0 where a cell is empty."""
+    names: Sequence[str], rows: Sequence[Row], columns: Mapping[str, FloatArray], decimal: str
+) -> dict[str, Exact]:
+    """Of columns that only increase and are far from zero, as stamps: what their texts say."""
     found = {}
     for i, name in enumerate(names):
-        if (np.abs(columns[name]) > EXACT).any():
-            known = np.isfinite(columns[name])
-            try:
-                whole = [int(row[i]) if k else 0 for (_, row), k in zip(rows, known, strict=True)]
-                found[name] = np.array(whole, dtype=np.int64)
-            except (ValueError, OverflowError):  # 1.7e18
-                continue
+        known = columns[name][np.isfinite(columns[name])]
+        if len(known) > 1 and known[0] >= _FAR and bool((np.diff(known) >= 0.0).all()):
+            exact = exact_of([row[i] for _, row in rows], decimal)
+            if exact is not None:
+                found[name] = exact
     return found
 
 

@@ -18,8 +18,6 @@ from hydro_ident.logs.units import unit_in
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 _MAX_NAMES = 12
-#: Whole numbers beyond it a double does not hold.
-EXACT = 1 << 53
 #: Characters of a name or a cell in a message.
 SHOWN = 60
 #: What a packed log may unfold to: so much, and so many times its size.
@@ -49,6 +47,22 @@ class CsvLayout:
 
 
 @dataclass(frozen=True, slots=True)
+class Exact:
+    """Numbers of a signal as the file has them: ``whole / 10**digits``.
+
+    Attributes
+    ----------
+    whole : (N,) int64 array
+        0 where the file has no value.
+    digits : int
+        Behind the decimal sign.
+    """
+
+    whole: IntArray
+    digits: int = 0
+
+
+@dataclass(frozen=True, slots=True)
 class Log:
     """The signals of a log file.
 
@@ -74,8 +88,8 @@ class Log:
     dated : frozenset of str
         Signals that the file writes as dates or times of day: seconds since the first moment of
         the first of them.
-    exact : mapping of str to (N,) int64 array
-        Whole numbers of signals that a double does not hold: their `columns` are rounded.
+    exact : mapping of str to Exact
+        Numbers of signals that a double does not hold: their `columns` are rounded.
     """
 
     path: Path
@@ -87,7 +101,7 @@ class Log:
     lines: Mapping[str, IntArray] = field(default_factory=dict)
     unread: Mapping[str, str] = field(default_factory=dict)
     dated: frozenset[str] = frozenset()
-    exact: Mapping[str, IntArray] = field(default_factory=dict)
+    exact: Mapping[str, Exact] = field(default_factory=dict)
 
     def place(self, name: str, index: int) -> str:
         """Where a sample of a signal is, for messages.

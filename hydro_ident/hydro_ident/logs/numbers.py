@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hydro_ident.errors import BagError
-from hydro_ident.logs.file import SHOWN
+from hydro_ident.logs.file import SHOWN, Exact
 from hydro_msgs_docs.cdr import FloatArray
 
 #: What stands for a missing number: words, spreadsheets' errors, and of an older C library.
@@ -22,6 +22,8 @@ _POINTS = re.compile(r"\s*[+-]?[1-9]\d{0,2}(?:\.\d{3})+\s*")
 _COMMAS = re.compile(r"\s*[+-]?[1-9]\d{0,2}(?:,\d{3})+\s*")
 #: What a line that was cut leaves of a number with thousands.
 _CUT = re.compile(r"\s*[+-]?[1-9]\d{0,2}(?:\.\d{3})*\.\d{0,2}\s*")
+#: Of a number of 64 bits.
+_MOST_DIGITS = 18
 #: By decimal sign: numbers whose thousands are parted by the other sign, beyond doubt.
 _GROUPED = {
     ".": re.compile(r"\s*[+-]?\d{1,3}(?:,\d{3})+\.\d*\s*"),
@@ -106,6 +108,31 @@ def numbers(cells: Sequence[str], lines: Sequence[int], where: str, decimal: str
             )
         result[k] = float(_plain(cell, decimal))
     return result
+
+
+def exact_of(cells: Sequence[str], decimal: str) -> Exact | None:
+    """Texts of plain numbers as what they say, beyond what a double holds.
+
+    Parameters
+    ----------
+    cells : sequence of str
+    decimal : str
+
+    Returns
+    -------
+    Exact or None
+        None where a cell is written in another way, or has more digits than 64 bits hold.
+    """
+    texts = ["0" if is_missing(cell) else _plain(cell.strip(), decimal) for cell in cells]
+    pairs = [text.partition(".") for text in texts]
+    digits = max(len(behind) for _, _, behind in pairs)
+    if digits > _MOST_DIGITS:
+        return None
+    try:
+        whole = [int(f"{before}{behind:0<{digits}}") for before, _, behind in pairs]
+        return Exact(np.array(whole, dtype=np.int64), digits)
+    except (ValueError, OverflowError):
+        return None
 
 
 def commas_are_decimal(cells: Sequence[str]) -> bool:

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hydro_ident.logs.file import Exact
 from hydro_ident.logs.signal import Clock
-from hydro_msgs_docs.cdr import FloatArray, IntArray
+from hydro_msgs_docs.cdr import FloatArray
 
 #: Seconds beside which a double has no place for 1 ns; of more than the last no stamp is.
 _FAR_S, _FURTHEST_S = 1e6, 1e12
@@ -54,7 +55,7 @@ class Seconds:
         return np.asarray(self.seconds + (self.late_s + (self.origin_ns - origin_ns) * 1e-9))
 
 
-def seconds_of(clock: Clock, recorded: FloatArray, exact: IntArray | None) -> Seconds:
+def seconds_of(clock: Clock, recorded: FloatArray, exact: Exact | None) -> Seconds:
     """Recorded numbers of a clock as times.
 
     Parameters
@@ -62,8 +63,8 @@ def seconds_of(clock: Clock, recorded: FloatArray, exact: IntArray | None) -> Se
     clock : Clock
     recorded : (N,) array
         NaN where there is no sample.
-    exact : (N,) int array or None
-        The same numbers, where they are whole and doubles do not hold them.
+    exact : Exact or None
+        The same numbers, where doubles do not hold them.
 
     Returns
     -------
@@ -73,10 +74,11 @@ def seconds_of(clock: Clock, recorded: FloatArray, exact: IntArray | None) -> Se
     first = float(recorded[known[0]]) if len(known) else 0.0
     origin = 0
     if _FAR_S <= abs(first) * clock.factor < _FURTHEST_S:
-        origin = math.floor(first) if exact is None else int(exact[known[0]])
+        one = 1 if exact is None else 10**exact.digits
+        origin = math.floor(first) if exact is None else int(exact.whole[known[0]]) // one
     since = recorded - origin
     if exact is not None and origin:
-        since[known] = exact[known] - origin
+        since[known] = (exact.whole[known] - origin * one) / one
     # Every unit of time is a whole number of ns.
     origin_ns = origin * round(clock.factor * 1e9)
     return Seconds(clock.factor * since, origin_ns, clock.late_s, clock.signal, clock.factor)

@@ -10,8 +10,8 @@ import numpy as np
 from hydro_ident.bag.memory import require
 from hydro_ident.errors import BagError
 from hydro_ident.logs.dates import Dated, over_midnight, together
-from hydro_ident.logs.file import EXACT, Log
-from hydro_msgs_docs.cdr import FloatArray, IntArray
+from hydro_ident.logs.file import Exact, Log
+from hydro_msgs_docs.cdr import FloatArray
 
 _NUMBERS = ("int", "uint", "float", "double", "halffloat", "bool")
 _DECIMALS = "decimal"
@@ -22,7 +22,8 @@ _READ = (*_NUMBERS, _DECIMALS, _STAMPS, _DURATIONS, *_OF_DAY)
 _BYTES_PER_CELL, _BYTES_PER_DECIMAL = 24, 48
 _PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 _EPOCH_DAY = 719_163  # 1970-01-01, counted as Python's dates do
-_LARGEST = 2**63 - 1
+#: Whole numbers between these a double does not hold, and 64 bits do.
+_EXACT, _LARGEST = 2**53, 2**63 - 1
 _SECOND = np.timedelta64(1, "s")
 
 
@@ -118,14 +119,14 @@ def _columns(table: Any) -> tuple[dict[str, FloatArray], dict[str, Dated]]:
     return columns, moments
 
 
-def _exact(table: Any) -> dict[str, IntArray]:
+def _exact(table: Any) -> dict[str, Exact]:
     """Whole numbers that doubles do not hold; 0 where a cell is empty."""
     found = {}
     for name, of_type in zip(table.column_names, table.schema.types, strict=True):
         if str(of_type) in ("int64", "uint64") and table.num_rows:
             whole = table.column(name).fill_null(0).to_numpy()
-            if EXACT < max(int(whole.max()), -int(whole.min())) <= _LARGEST:
-                found[name] = whole.astype(np.int64)
+            if _EXACT < max(int(whole.max()), -int(whole.min())) <= _LARGEST:
+                found[name] = Exact(whole.astype(np.int64))
     return found
 
 
