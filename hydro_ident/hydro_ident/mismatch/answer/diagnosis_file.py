@@ -95,7 +95,7 @@ def _channels(found: Diagnosis) -> dict[str, Any]:
     }
 
 
-def channel_dict(one: ChannelResult) -> dict[str, float | str]:
+def channel_dict(one: ChannelResult) -> dict[str, float | int | str]:
     """The numbers of a channel."""
     spread = float(np.sum((one.measured - one.measured.mean()) ** 2))
     before = float(np.sum((one.measured - one.before) ** 2))
@@ -103,6 +103,7 @@ def channel_dict(one: ChannelResult) -> dict[str, float | str]:
     count = max(one.measured.size, 1)
     return {
         "unit": one.unit,
+        "rows": int(one.measured.size),
         "rmse_before": math.sqrt(before / count),
         "rmse_after": math.sqrt(after / count),
         "noise_floor": one.noise_floor,
