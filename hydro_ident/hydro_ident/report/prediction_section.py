@@ -16,14 +16,12 @@ from hydro_ident.report.palette import BEFORE, INK, joint_colour
 _HEAD = (
     "channel",
     "unit",
-    "rows",
     "error before",
     "error after",
     "sensor noise alone",
     "fit before %",
     "fit after %",
-    "training: rows",
-    "before",
+    "training: before",
     "after",
 )
 
@@ -99,18 +97,24 @@ def _table(
         if first is None:
             continue
         keys = ("rmse_before", "rmse_after", "noise_floor", "fit_before_pct", "fit_after_pct")
-        cells = [_rows(one), *(number(one.value(k)) if one else "–" for k in keys)]
-        cells += [_rows(other), *(number(other.value(k)) if other else "–" for k in keys[:2])]
+        cells = [number(one.value(k)) if one else "–" for k in keys]
+        cells += [number(other.value(k)) if other else "–" for k in keys[:2]]
         dot = joint_colour(joints, first.joint)
         texts = (name, unit_text(first.unit), *cells)
-        below = "; ".join(filter(None, (_as_people_tell(one, other), first.remark)))
+        said = (_as_people_tell(one, other), _counts(one, other), first.remark)
+        below = "; ".join(filter(None, said))
         rows.append(Row(texts, below=below, dot=dot, off=first.rejected))
     return table(_HEAD, rows)
 
 
-def _rows(one: ChannelRows | None) -> str:
+def _counts(held_out: ChannelRows | None, fitted: ChannelRows | None) -> str:
     """How many rows figures are of, and how long these take together."""
-    return "–" if one is None else f"{one.count} ({number(one.seconds, 2)} s)"
+    texts = [
+        f"{name}{one.count} rows ({number(one.seconds, 2)} s)"
+        for name, one in (("", held_out), ("training ", fitted))
+        if one is not None
+    ]
+    return ", ".join(texts)
 
 
 def _as_people_tell(held_out: ChannelRows | None, fitted: ChannelRows | None) -> str:
