@@ -94,7 +94,12 @@ class HotPath:
         )
 
     def destroy(self) -> None:
-        """Give subscriptions and publishers back; after `stop`."""
+        """Give subscriptions and publishers back, after `stop`; a loop that is held keeps them.
+
+        When it wakes it still sends its 0 V; the node's end takes them back.
+        """
+        if self._held is not None and self._held.is_alive():
+            return
         for wait in (self._wait, self._partner):
             wait.destroy()
         for hot in (self._joints, self._pressures, self._applied):

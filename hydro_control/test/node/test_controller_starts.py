@@ -80,10 +80,14 @@ def test_a_loop_that_is_held_is_told_and_does_not_hold_the_node(
     ended = not deactivating.is_alive()
     # While it is held no other one is started beside it.
     again = node.trigger_activate() if ended else None
+    # It keeps what it still needs to send its 0 V.
+    node._hot.destroy()
+    kept = node._hot._command in list(node.publishers)
     go.set()
     for thread in (deactivating, loop):
         thread.join(patience_s)
     assert ended
+    assert kept
     assert loop.daemon
     assert "expected the control loop to end within 0.1 s, found it held" in str(node.failure)
     assert again is TransitionCallbackReturn.FAILURE

@@ -16,7 +16,7 @@ from hydro_hw_bridge.protocol.calibration import Calibration, load_calibration, 
 from hydro_hw_bridge.protocol.codec import Codec
 from hydro_hw_bridge.protocol.mapping import BusMapping
 from hydro_model.robot import Robot
-from hydro_msgs_docs.node_parameters import ParameterError, declare, values_of
+from hydro_msgs_docs.node_parameters import declare, values_of
 from hydro_msgs_docs.real_time import RealTime
 
 
@@ -52,15 +52,10 @@ def declared(node: Node) -> Settings:
 
     Raises
     ------
-    BridgeError
-        A value is of another type or out of range, in rclpy's words.
     ParameterError, BridgeError, RealTimeError
-        As of `settings_from`.
+        A value is of another type or out of range, or as of `settings_from`.
     """
-    try:
-        declare(node, PARAMETERS, read_only=True)
-    except ParameterError as error:
-        raise BridgeError(" ".join(str(error.__cause__).split())) from error
+    declare(node, PARAMETERS, read_only=True)
     return settings_from(values_of(node, PARAMETERS))
 
 

@@ -23,8 +23,11 @@ Run = Callable[..., subprocess.CompletedProcess[str]]
         ("calibration:=/nowhere.yaml", "no calibration file '/nowhere.yaml'"),
         ("can:=can77", "cannot open CAN bus socketcan:can77"),
         ("clock:=sundial", "should be one of real_time, lockstep, found 'sundial'"),
-        ("max_age_ms:=0.0", "max_age_ms out of range"),
-        ("slew_limit_v_s:=fast", "expecting type 'DOUBLE'"),
+        ("max_age_ms:=0.0", "max_age_ms should be a number with a decimal point from 2 to"),
+        (
+            "slew_limit_v_s:=fast",
+            "slew_limit_v_s should be a number with a decimal point from 1 to 100000, found 'fast'",
+        ),
         ("required_subscribers:=all", "'required_subscribers' should be"),
     ],
 )

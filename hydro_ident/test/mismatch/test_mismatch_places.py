@@ -138,6 +138,7 @@ def test_a_temperature_that_only_some_recordings_have_is_left_aside(
         (0.2, 0.01, ("lift/force",), False),  # more than three quarters are explained
         (0.8, 0.10, ("lift/force",), False),  # not far above the sensors
         (0.8, 0.01, ("tilt/force",), False),  # nothing was found there
+        (0.8, 0.0, ("lift/force",), True),  # of exact data
     ],
 )
 def test_what_leaves_much_far_above_the_sensors_is_not_explained(
@@ -147,8 +148,9 @@ def test_what_leaves_much_far_above_the_sensors_is_not_explained(
     error = np.where(time % 2.0 > 0.0, 1.0, -1.0)
     one = ChannelResult("lift/force", "N", time, np.zeros(100), -error, -left * error, floor)
     said = hardly_better([SimpleNamespace(channels=channels)], [one])  # type: ignore[list-item]
-    share = f"lift/force: {left:.0%} of the error is left, {left / floor:.0f} times what"
-    assert [line.startswith(share) for line in said] == [True] * hardly
+    share = f"lift/force: {left:.0%} of the error is left"
+    times = f", {left / floor:.0f} times what the sensors' noise makes" if floor else ""
+    assert said == [f"{share}{times}"] * hardly
 
 
 @pytest.mark.parametrize(

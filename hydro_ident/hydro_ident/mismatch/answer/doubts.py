@@ -95,8 +95,13 @@ def hardly_better(findings: Sequence[Finding], channels: Sequence[ChannelResult]
         if c.name in named
     ]
     return [
-        f"{name}: {after / max(before, 1e-300):.0%} of the error is left,"
-        f" {after / max(floor, 1e-300):.0f} times what the sensors' noise makes"
+        f"{name}: {_much(before, after, floor)}"
         for name, before, after, floor in sizes
         if after > max(_HARDLY * before, FAR * floor)
     ]
+
+
+def _much(before: float, after: float, floor: float) -> str:
+    """How much is left; of exact data there is no share, nor any noise."""
+    share = f"{after / before:.0%} of the error is left" if before > 0.0 else "an error is left"
+    return f"{share}, {after / floor:.0f} times what the sensors' noise makes" if floor else share
