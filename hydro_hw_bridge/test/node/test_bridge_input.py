@@ -26,7 +26,7 @@ Run = Callable[..., subprocess.CompletedProcess[str]]
         ("max_age_ms:=0.0", "max_age_ms should be a number with a decimal point from 2 to"),
         (
             "slew_limit_v_s:=fast",
-            "slew_limit_v_s should be a number with a decimal point from 1 to 100000, found 'fast'",
+            "with a decimal point from 1 to 100000, found 'fast'",
         ),
         ("required_subscribers:=all", "'required_subscribers' should be"),
     ],
