@@ -21,8 +21,8 @@ FOLDERS = {
 #: Parts of packages, packages and modules, as architecture.md has them.
 ORDERS: Mapping[str, Sequence[str]] = {
     "hydro_model": (
-        *("errors", "robot", "numerics", "hydraulics", "multibody", "description", "effects"),
-        *("robot_files", "command_line", "new_robot", "motion", "simulation"),
+        *("arrays", "errors", "robot", "numerics", "hydraulics", "multibody", "description"),
+        *("effects", "robot_files", "command_line", "new_robot", "motion", "simulation"),
     ),
     "hydro_hw_bridge": (
         *("errors", "protocol", "bus", "gate", "monitoring", "core", "node"),

@@ -12,8 +12,8 @@ from scipy.io import savemat
 from hydro_ident.logs.file import read_log
 from hydro_ident.logs.guess import Guess
 from hydro_ident.logs.suggest import suggest
+from hydro_model.arrays import FloatArray
 from hydro_model.robot_files import load_robot
-from hydro_msgs_docs.cdr import FloatArray
 
 Columns = Mapping[str, FloatArray]
 T = 0.002 * np.arange(200)

@@ -12,9 +12,9 @@ from hydro_ident.logs.file import Log
 from hydro_ident.logs.guess import Guess, reading_of, words_of
 from hydro_ident.logs.suggest import suggest
 from hydro_ident.logs.suggest_text import lines_of
+from hydro_model.arrays import FloatArray
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
-from hydro_msgs_docs.cdr import FloatArray
 
 T: FloatArray = np.linspace(0.0, 0.398, 200)
 CRANE = load_robot("xs031")

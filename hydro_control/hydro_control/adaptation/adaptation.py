@@ -20,7 +20,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hydro_control.adaptation.adaptation_model import (
     coulomb,
@@ -35,13 +34,12 @@ from hydro_control.compensation.compensation import Compensation, Motion
 from hydro_control.state.axes import axes_of
 from hydro_control.state.filters import Ewma, FilteredDifference, alpha_for
 from hydro_control.state.oil_columns import OilColumns, piston_positions, swept_columns
+from hydro_model.arrays import BoolArray
 from hydro_model.effects import ActiveEffect
 from hydro_model.hydraulics.cylinder import lever, piston_force
 from hydro_model.hydraulics.valve import signal_at_lengths
 from hydro_model.multibody.rigid_body import inverse_dynamics, required_torque
 from hydro_model.robot import FloatArray, Robot
-
-BoolArray = NDArray[np.bool_]
 
 #: Time constant of each of the three averages: 8 Hz each, above the motion's band.
 FILTER_S = 0.02

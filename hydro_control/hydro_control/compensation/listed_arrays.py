@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from hydro_control.compensation.listed_laws import NUDGE, adding, rounded
 from hydro_control.compensation.signal_inverse import POINTS, SignalInverse
 from hydro_control.state.axes import Axis
+from hydro_model.arrays import IntArray
 from hydro_model.effects import ActiveEffect, Stage
 from hydro_model.effects.compiled import law_address
 from hydro_model.effects.rows import constant_signals, other_joint
 from hydro_model.effects.signals import SIGNAL_COUNT, VALVE_SIGNAL
 from hydro_model.robot import FloatArray, Robot
-
-IntArray = NDArray[np.int64]
 
 # Columns of `ListedArrays.at`, `.oil`, `.terms`, `.effects`, `.laws` and `.wanted`.
 CYLINDER, OTHER = range(2)

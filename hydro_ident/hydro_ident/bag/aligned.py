@@ -22,9 +22,10 @@ from hydro_ident.bag.reader import TopicInfo
 from hydro_ident.bag.series import Series
 from hydro_ident.bag.valve_columns import valve_columns
 from hydro_ident.errors import BagError
+from hydro_model.arrays import FloatArray, IntArray
 from hydro_model.hydraulics.cylinder import joint_position
 from hydro_model.robot import Robot
-from hydro_msgs_docs.cdr import JOINT_STATE, POINT_STAMPED, TEMPERATURE, FloatArray, IntArray
+from hydro_msgs_docs.cdr import JOINT_STATE, POINT_STAMPED, TEMPERATURE
 from hydro_msgs_docs.topics import (
     CHAMBER_PRESSURES,
     JOINT_REFERENCE,

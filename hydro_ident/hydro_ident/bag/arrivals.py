@@ -17,7 +17,7 @@ from hydro_ident.bag.aligned import TYPES
 from hydro_ident.bag.clock_restarts import FEW
 from hydro_ident.bag.mcap_types import MessageBlock
 from hydro_ident.bag.reader import files_of
-from hydro_msgs_docs.cdr import IntArray
+from hydro_model.arrays import IntArray
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_STATES
 
 #: A message that is further behind the newest of its topic is late.

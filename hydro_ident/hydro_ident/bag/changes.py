@@ -9,8 +9,8 @@ import numpy as np
 
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.running import Sums
+from hydro_model.arrays import FloatArray, IntArray
 from hydro_model.robot import Robot
-from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 #: Readings of sensors by the message they come in, in words, and their fields of a recording.
 MESSAGES = {"joint readings": ("q", "stroke", "effort"), "pressures": ("p_a", "p_b")}

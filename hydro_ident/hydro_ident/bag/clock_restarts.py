@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hydro_ident.bag.series import BoolArray, Series
+from hydro_ident.bag.series import Series
 from hydro_ident.errors import BagError
-from hydro_msgs_docs.cdr import FloatArray, IntArray
+from hydro_model.arrays import BoolArray, FloatArray, IntArray
 from hydro_msgs_docs.topics import JOINT_STATES
 
 #: Stamps that leap by more begin another run of messages; a restart repeats more than so much time

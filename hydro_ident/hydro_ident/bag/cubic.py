@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hydro_msgs_docs.cdr import FloatArray
+from hydro_model.arrays import FloatArray
 
 _NODES = 4
 

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.bag.recorded_run import Recording
+from hydro_model.arrays import FloatArray
 from hydro_model.multibody.joint_ranges import limits
 from hydro_model.robot import Robot
-from hydro_msgs_docs.cdr import FloatArray
 
 #: A joint that goes through this share of its range changes what gravity and friction ask for by
 #: far more than a torque's or a pressure's resolution.

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from hydro_ident.bag.intervals import NEAR
-from hydro_msgs_docs.cdr import FloatArray, IntArray
+from hydro_model.arrays import FloatArray, IntArray
 
 #: Behind a gap stamps are late, and stay late, by more than this many periods; those that follow
 #: a late stamp make up for it. No shorter interval can hold a gap, even if both its ends jitter.

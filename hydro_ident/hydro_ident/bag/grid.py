@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hydro_ident.bag.series import Series
-from hydro_msgs_docs.cdr import FloatArray, IntArray
-
-BoolArray = NDArray[np.bool_]
+from hydro_model.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hydro_ident.errors import IdentError
-from hydro_msgs_docs.cdr import IntArray
+from hydro_model.arrays import IntArray
 
 #: Intervals further from the usual one than this share of it are not taken for one period.
 NEAR = 0.5

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hydro_ident.bag.grid import BoolArray, runs
-from hydro_msgs_docs.cdr import FloatArray
+from hydro_ident.bag.grid import runs
+from hydro_model.arrays import BoolArray, FloatArray
 
 #: A command this far from 0 V asks for motion, a step of a converter of twelve bits over +-10 V:
 #: a smaller one is rounded to 0 V. The applied voltage may follow it this many cycles later; a

@@ -6,10 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
+from hydro_model.arrays import IntArray
 
-IntArray = NDArray[np.int64]
 _MOST_LOSSES = 100
 
 

@@ -16,9 +16,8 @@ import numpy as np
 
 from hydro_ident.bag.cubic import cubic_between
 from hydro_ident.bag.reading_rate import HeldMessage, look_twice
-from hydro_ident.bag.recorded_run import BoolArray
 from hydro_ident.bag.streaming import Piece, map_columns
-from hydro_msgs_docs.cdr import FloatArray, IntArray
+from hydro_model.arrays import BoolArray, FloatArray, IntArray
 
 #: Beats between two readings beyond which readings are missing.
 _PAUSE = 2.5

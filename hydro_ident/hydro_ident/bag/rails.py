@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.bag.grid import BoolArray
-from hydro_msgs_docs.cdr import FloatArray, IntArray
+from hydro_model.arrays import BoolArray, FloatArray, IntArray
 
 #: A rail goes with pump and accumulator, over tenths of a second: between readings further apart
 #: than this a straight line may miss what it did.

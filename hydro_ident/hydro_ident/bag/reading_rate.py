@@ -19,10 +19,9 @@ from hydro_ident.bag.changes import (
     sensor_columns,
     steps_of,
 )
-from hydro_ident.bag.grid import BoolArray
 from hydro_ident.bag.intervals import Counts
 from hydro_ident.bag.recorded_run import Recording
-from hydro_msgs_docs.cdr import FloatArray, IntArray
+from hydro_model.arrays import BoolArray, FloatArray, IntArray
 
 #: Second differences below this share of their rms are those of a straight line: what rounding of
 #: a log's digits leaves. White noise is below it in one sample of eight.

@@ -6,17 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hydro_ident.bag.channels import Loss
 from hydro_ident.bag.gaps import Gap, contiguous
 from hydro_ident.bag.turns import Turns
 from hydro_ident.bag.valve_columns import ValveRates
+from hydro_model.arrays import BoolArray, FloatArray, IntArray
 from hydro_model.robot import Robot
-from hydro_msgs_docs.cdr import FloatArray, IntArray
-
-BoolArray = NDArray[np.bool_]
 
 
 def other_robot(metadata: Mapping[str, str], robot: Robot) -> str:

@@ -39,8 +39,8 @@ from hydro_ident.bag.valve_columns import (
     told_valves,
     use_voltages,
 )
+from hydro_model.arrays import FloatArray, IntArray
 from hydro_model.robot import Robot
-from hydro_msgs_docs.cdr import FloatArray, IntArray
 from hydro_msgs_docs.topics import DIAGNOSTICS, OIL_TEMPERATURE, VALVE_COMMAND, VALVE_STATE
 
 #: What `read_bag` has to decode for `recording_of`.

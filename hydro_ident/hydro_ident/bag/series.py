@@ -8,22 +8,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from hydro_ident.bag.mcap_types import MessageBlock
 from hydro_ident.errors import BagError
-from hydro_msgs_docs.cdr import (
-    FIELDS,
-    JOINT_STATE,
-    ByteArray,
-    CdrError,
-    FloatArray,
-    IntArray,
-    Layout,
-    layout_of,
-)
+from hydro_model.arrays import BoolArray, ByteArray, FloatArray, IntArray
+from hydro_msgs_docs.cdr import FIELDS, JOINT_STATE, CdrError, Layout, layout_of
 
-BoolArray = NDArray[np.bool_]
 #: Layouts kept per topic; a topic with more is decoded all the same, only slower.
 _KEPT_LAYOUTS = 16
 #: Beyond these no machine's topic goes.

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hydro_ident.bag.changes import sensor_columns
-from hydro_ident.bag.recorded_run import BoolArray, Recording
-from hydro_msgs_docs.cdr import FloatArray, IntArray
+from hydro_ident.bag.recorded_run import Recording
+from hydro_model.arrays import BoolArray, FloatArray, IntArray
 
 #: Order of the differences: of a motion of 2 Hz they leave 1/4000 at 100 samples a second.
 _ORDER = 4

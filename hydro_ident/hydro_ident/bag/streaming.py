@@ -28,12 +28,11 @@ from hydro_ident.bag.reader import (
     malformed_notes,
     no_message,
 )
-from hydro_ident.bag.recorded_run import BoolArray
 from hydro_ident.bag.recording import RECORDING_TOPICS, Earlier, Recording, recording_of
 from hydro_ident.bag.series import Series
 from hydro_ident.bag.window import Window, joined
+from hydro_model.arrays import BoolArray, IntArray
 from hydro_model.robot import Robot
-from hydro_msgs_docs.cdr import IntArray
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, DIAGNOSTICS, JOINT_STATES
 
 #: Cycles on either side of a core. The slowest filter (10 Hz, fourth order) forgets a sample to

@@ -29,9 +29,9 @@ from hydro_ident.bag.stretch_cycles import CycleMaker, Known, LearntError
 from hydro_ident.bag.topic_windows import TopicWindows
 from hydro_ident.bag.window import Window
 from hydro_ident.errors import BagError
+from hydro_model.arrays import IntArray
 from hydro_model.command_line.terminal import advance
 from hydro_model.robot import Robot
-from hydro_msgs_docs.cdr import IntArray
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES
 
 #: A stretch is made once so many messages have come, or so much memory holds them; and how late

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from hydro_model.arrays import FloatArray, IntArray
 from hydro_model.robot import Robot
-from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 TURN = 2.0 * math.pi
 #: A leap is one of a turn where it misses 2 pi by no more than this share.

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.bag.grid import BoolArray, Topic, join
+from hydro_ident.bag.grid import Topic, join
+from hydro_model.arrays import BoolArray, FloatArray, IntArray
 from hydro_model.robot import Robot
-from hydro_msgs_docs.cdr import FloatArray, IntArray
 from hydro_msgs_docs.topics import VALVE_COMMAND, VALVE_STATE
 
 #: Of a dense topic more voltages than this are one cycle behind the one before; even updates in

@@ -9,7 +9,7 @@ import numpy as np
 from hydro_ident.bag.grid import Repeats, Topic
 from hydro_ident.bag.series import Series
 from hydro_ident.errors import BagError
-from hydro_msgs_docs.cdr import IntArray
+from hydro_model.arrays import IntArray
 
 
 class LateError(BagError):

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from hydro_ident.bag.reader import Bag
     from hydro_ident.bag.recording import Recording
     from hydro_ident.recordings.metrics import Tracking
+    from hydro_model.arrays import FloatArray
     from hydro_model.robot import Robot
-    from hydro_msgs_docs.cdr import FloatArray
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -21,10 +21,10 @@ from hydro_ident.estimate.forces.inertial import InertialFit, inertial_fit
 from hydro_ident.estimate.scoring.noise import acceleration_noise, encoder_noise
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.identify.gathering import GatherPlan, gather_source
 from hydro_ident.recordings.sources import Source
 from hydro_ident.recordings.workers import Workers
+from hydro_model.arrays import BoolArray
 from hydro_model.robot import FloatArray, Robot
 
 #: Share of an acceleration's variance that noise may be without another look: it moves an inertia

@@ -15,8 +15,8 @@ from hydro_ident.bag.stretch_cycles import Known
 from hydro_ident.bag.stretches import Stretch
 from hydro_ident.inspecting.complaints import Complaints
 from hydro_ident.inspecting.signal_look import SignalLook
+from hydro_model.arrays import IntArray
 from hydro_model.robot import Robot
-from hydro_msgs_docs.cdr import IntArray
 from hydro_msgs_docs.topics import VALVE_COMMAND, VALVE_STATE
 
 

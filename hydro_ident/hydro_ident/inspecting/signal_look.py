@@ -10,14 +10,14 @@ import numpy as np
 from hydro_ident.bag.changes import FirstLook
 from hydro_ident.bag.channels import Present
 from hydro_ident.bag.dead_sensors import SensorSpans
-from hydro_ident.bag.grid import BoolArray, runs
+from hydro_ident.bag.grid import runs
 from hydro_ident.bag.latches import FOLLOW_CYCLES, LatchFinder
 from hydro_ident.bag.rails import Silence
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.running import Held, Spans
 from hydro_ident.bag.streaming import cut_recording
+from hydro_model.arrays import BoolArray, FloatArray, IntArray
 from hydro_model.robot import Robot
-from hydro_msgs_docs.cdr import FloatArray, IntArray
 from hydro_msgs_docs.topics import VALVE_STATE
 
 _OPEN_SHARE = 0.02

@@ -14,7 +14,7 @@ from hydro_ident.logs.dates import Dated, dated, together, why_unread
 from hydro_ident.logs.dates_apart import dates_apart
 from hydro_ident.logs.file import SHOWN, Exact
 from hydro_ident.logs.numbers import exact_of, is_number, numbers, why_no_numbers
-from hydro_msgs_docs.cdr import FloatArray, IntArray
+from hydro_model.arrays import FloatArray, IntArray
 
 NO_NAMES = (
     "expected a first line of names, found numbers: write one above them in a copy of the file, a"

@@ -18,7 +18,7 @@ from hydro_ident.logs.map import LogMap
 from hydro_ident.logs.origin import Seconds, seconds_of
 from hydro_ident.logs.signal import Clock, LogSignal
 from hydro_ident.logs.times import EPOCH_S, counts_from, stop_of
-from hydro_msgs_docs.cdr import FloatArray, IntArray
+from hydro_model.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)

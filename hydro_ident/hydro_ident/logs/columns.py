@@ -14,7 +14,7 @@ from hydro_ident.logs.map import LogMap
 from hydro_ident.logs.signal import LogSignal, turns
 from hydro_ident.logs.targets import MARGIN
 from hydro_ident.logs.times import times_among
-from hydro_msgs_docs.cdr import FloatArray
+from hydro_model.arrays import FloatArray
 
 #: Periods by which angles are wrapped.
 _PERIODS = (360.0, 2.0 * math.pi)

@@ -23,9 +23,9 @@ from hydro_ident.logs.file import Log
 from hydro_ident.logs.map import OF_JOINTS, LogMap
 from hydro_ident.logs.plausible import unit_warnings
 from hydro_ident.logs.unpaired import check_times
+from hydro_model.arrays import FloatArray, IntArray
 from hydro_model.command_line.output import unwritable
 from hydro_model.command_line.terminal import advance
-from hydro_msgs_docs.cdr import FloatArray, IntArray
 from hydro_msgs_docs.topics import (
     CHAMBER_PRESSURES,
     JOINT_REFERENCE,

@@ -13,7 +13,7 @@ from datetime import date, datetime, timedelta
 
 import numpy as np
 
-from hydro_msgs_docs.cdr import FloatArray
+from hydro_model.arrays import FloatArray
 
 _CLOCK = (
     r"(\d\d?):(\d\d):(\d\d(?:[.,]\d+)?)"

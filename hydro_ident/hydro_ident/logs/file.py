@@ -15,7 +15,7 @@ from pathlib import Path
 from hydro_ident.bag.log_kinds import TEXT, instead_of_log, is_text
 from hydro_ident.errors import BagError
 from hydro_ident.logs.units import unit_in
-from hydro_msgs_docs.cdr import FloatArray, IntArray
+from hydro_model.arrays import FloatArray, IntArray
 
 _MAX_NAMES = 12
 #: Characters of a name or a cell in a message.

@@ -15,7 +15,7 @@ from hydro_ident.logs.names import Target
 from hydro_ident.logs.signal import FILL_IN, unwrapped
 from hydro_ident.logs.targets import Targets
 from hydro_ident.logs.units import UNITS
-from hydro_msgs_docs.cdr import FloatArray
+from hydro_model.arrays import FloatArray
 
 Entry = dict[str, object]
 

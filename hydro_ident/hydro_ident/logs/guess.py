@@ -14,7 +14,7 @@ import numpy as np
 from hydro_ident.logs.file import Log
 from hydro_ident.logs.units import SpeltUnit, is_share, spelt, unit_in, unknown_unit
 from hydro_ident.logs.words import word_set, words_in
-from hydro_msgs_docs.cdr import FloatArray
+from hydro_model.arrays import FloatArray
 
 #: How sure a guess is, most sure first.
 LEVELS = ("sure", "likely", "guess", "open")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hydro_msgs_docs.cdr import FloatArray, IntArray
+from hydro_model.arrays import FloatArray, IntArray
 
 #: Instants of different clocks this share of the finest period apart are one.
 SAME = 0.05

@@ -23,7 +23,7 @@ from hydro_ident.logs.cells import Row, check_once, columns_of
 from hydro_ident.logs.dialect import dialect, split
 from hydro_ident.logs.file import CsvLayout, Log
 from hydro_ident.logs.numbers import is_number, numbers
-from hydro_msgs_docs.cdr import FloatArray, IntArray
+from hydro_model.arrays import FloatArray, IntArray
 
 Lines = Sequence[tuple[int, str]]
 _VALUES = "trace_values"

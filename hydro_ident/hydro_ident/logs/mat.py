@@ -14,7 +14,7 @@ import numpy as np
 from hydro_ident.errors import BagError
 from hydro_ident.logs.file import Log, most_unfolded
 from hydro_ident.logs.mat_hdf5 import is_hdf5, read_hdf5
-from hydro_msgs_docs.cdr import FloatArray
+from hydro_model.arrays import FloatArray
 
 _HEADER_BYTES, _COMPRESSED = 128, 15
 _MAX_NAMES = 12

@@ -9,7 +9,7 @@ import numpy as np
 
 from hydro_ident.errors import BagError
 from hydro_ident.logs.file import SHOWN, Exact
-from hydro_msgs_docs.cdr import FloatArray
+from hydro_model.arrays import FloatArray
 
 #: What stands for a missing number: words, spreadsheets' errors, and of an older C library.
 _MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--", "---"}) | frozenset(

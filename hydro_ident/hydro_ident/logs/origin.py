@@ -12,7 +12,7 @@ import numpy as np
 
 from hydro_ident.logs.file import Exact
 from hydro_ident.logs.signal import Clock
-from hydro_msgs_docs.cdr import FloatArray
+from hydro_model.arrays import FloatArray
 
 #: Seconds beside which a double has no place for 1 ns; of more than the last no stamp is.
 _FAR_S, _FURTHEST_S = 1e6, 1e12

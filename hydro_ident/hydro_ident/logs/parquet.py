@@ -11,7 +11,7 @@ from hydro_ident.bag.memory import require
 from hydro_ident.errors import BagError
 from hydro_ident.logs.dates import Dated, over_midnight, together
 from hydro_ident.logs.file import Exact, Log
-from hydro_msgs_docs.cdr import FloatArray
+from hydro_model.arrays import FloatArray
 
 _NUMBERS = ("int", "uint", "float", "double", "halffloat", "bool")
 _DECIMALS = "decimal"

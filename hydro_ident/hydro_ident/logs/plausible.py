@@ -12,8 +12,8 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from hydro_ident.logs.units import UNITS
+from hydro_model.arrays import FloatArray
 from hydro_model.robot import Robot
-from hydro_msgs_docs.cdr import FloatArray
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, VALVE_COMMAND, VALVE_STATE
 
 #: Shares of the supply's pressure: with the pump on some pressure is above the first; no load

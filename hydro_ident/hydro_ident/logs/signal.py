@@ -13,9 +13,9 @@ import numpy as np
 
 from hydro_ident.errors import BagError
 from hydro_ident.logs.units import UNITS, ZEROS
+from hydro_model.arrays import FloatArray
 from hydro_model.description.fields import Fields
 from hydro_model.errors import RobotError
-from hydro_msgs_docs.cdr import FloatArray
 
 #: What a suggested mapping has where a person has to say.
 FILL_IN = "FILL_IN"

@@ -26,7 +26,7 @@ from hydro_ident.logs.times import (
     unnamed_times,
 )
 from hydro_ident.logs.units import UNITS
-from hydro_msgs_docs.cdr import FloatArray
+from hydro_model.arrays import FloatArray
 
 #: Rates that logs of machines have, Hz, and the usual one.
 _RATES, _USUAL_HZ = (2.0, 2e4), 500.0

@@ -13,8 +13,8 @@ from hydro_ident.logs.map import SECTIONS
 from hydro_ident.logs.names import Target, made_up
 from hydro_ident.logs.units import UNITS
 from hydro_ident.logs.words import COMMON, MEASURED, SUPPLY, TANK, alike, chamber_of, word_set
+from hydro_model.arrays import FloatArray
 from hydro_model.robot import Joint, Robot
-from hydro_msgs_docs.cdr import FloatArray
 
 _NAME, _ALIKE, _NUMBER, _CHAMBER = 4.0, 2.5, 2.0, 1.0
 _OIL = word_set("oil öl oel huile aceite olio")

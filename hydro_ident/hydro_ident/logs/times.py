@@ -10,7 +10,7 @@ import numpy as np
 from hydro_ident.logs.file import Log
 from hydro_ident.logs.guess import Reading
 from hydro_ident.logs.units import UNITS
-from hydro_msgs_docs.cdr import FloatArray
+from hydro_model.arrays import FloatArray
 
 #: Seconds of 1970 that a log may have been written at: from 2000 to the end of the stamps, which
 #: are int32; and the `start` of such a log.

@@ -13,7 +13,7 @@ from hydro_ident.logs.guess import Reading, reading_of
 from hydro_ident.logs.map import LogMap
 from hydro_ident.logs.times import beside, times_among, unit_beside
 from hydro_ident.logs.units import UNITS
-from hydro_msgs_docs.cdr import FloatArray
+from hydro_model.arrays import FloatArray
 
 _SHOWN = 3
 

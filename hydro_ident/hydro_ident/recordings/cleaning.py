@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.bag.grid import runs
-from hydro_ident.bag.recorded_run import BoolArray, Recording
+from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.streaming import Piece
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.spikes import SHORTEST, spike_sizes
 from hydro_ident.estimate.signals.watched import SPIKE_SIGMAS, watched_sensors
+from hydro_model.arrays import BoolArray
 from hydro_model.robot import FloatArray, Robot
 
 #: A dropout holds still for this many samples, and leaps by this many deviations to either side.

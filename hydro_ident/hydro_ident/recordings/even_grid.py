@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.bag.cubic import cubic_between
-from hydro_ident.bag.grid import BoolArray
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.stamp_jitter import StampJitter
 from hydro_ident.bag.streaming import Piece
 from hydro_ident.estimate.signals.bridging import longest_hole
-from hydro_msgs_docs.cdr import FloatArray, IntArray
+from hydro_model.arrays import BoolArray, FloatArray, IntArray
 
 #: What goes from reading to reading, and what is held.
 _READ = (

@@ -8,12 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hydro_ident.errors import NotEnoughDataError
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from hydro_model.arrays import FloatArray, IntArray
 
 #: Half width, in cycles, of the symmetric difference that gives the speed: zero-phase. The
 #: true tip is exact; an encoder's count noise needs the wider one (20 ms at 500 Hz, which

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.everyday_units import told
 from hydro_ident.mismatch.answer.diagnosis_file import as_modelled, channel_dict, finding_dict
 from hydro_ident.mismatch.answer.outcome import ChannelResult, Diagnosis, Finding
@@ -23,6 +22,7 @@ from hydro_ident.report.channel_rows import ChannelRows, channel_rows, joint_spe
 from hydro_ident.report.figure import Axis
 from hydro_ident.report.law_section import LawView
 from hydro_ident.report.verdict_words import plain
+from hydro_model.arrays import BoolArray
 from hydro_model.robot import FloatArray, Robot
 
 #: Variables that a law without one of its own is held against.

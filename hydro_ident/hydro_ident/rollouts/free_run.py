@@ -25,7 +25,6 @@ from hydro_ident.estimate.flows.hydraulics import HydraulicFit
 from hydro_ident.estimate.scoring.scores import HoldOut
 from hydro_ident.estimate.signals.derivatives import FilterSettings, motion
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.rollouts.rollout_windows import (
     SHORTEST_S,
     Piece,
@@ -35,6 +34,7 @@ from hydro_ident.rollouts.rollout_windows import (
     usable_pieces,
     windows,
 )
+from hydro_model.arrays import BoolArray
 from hydro_model.effects import ActiveEffect, Readings, read_with, resolve
 from hydro_model.errors import SimulationError
 from hydro_model.robot import FloatArray, Robot

@@ -19,7 +19,7 @@ import numpy as np
 from hydro_ident.estimate.scoring.scores import HoldOut
 from hydro_ident.estimate.signals.derivatives import FilterSettings, motion
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_ident.estimate.statistics.rows import BoolArray
+from hydro_model.arrays import BoolArray
 from hydro_model.effects import resolve, with_changes
 from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.robot import FloatArray, Robot

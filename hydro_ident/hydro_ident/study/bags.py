@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from hydro_hw_bridge.rig.readings import read_pressures
 from hydro_ident.bag.provenance import software_version
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.study.traces import Drive
-from hydro_msgs_docs.cdr import JOINT_STATE, TEMPERATURE, FloatArray, encode, layout_of
+from hydro_model.arrays import FloatArray, IntArray
+from hydro_msgs_docs.cdr import JOINT_STATE, TEMPERATURE, encode, layout_of
 from hydro_msgs_docs.topics import (
     CHAMBER_PRESSURES,
     JOINT_STATES,
@@ -21,7 +21,6 @@ from hydro_msgs_docs.topics import (
     VALVE_STATE,
 )
 
-IndexArray = npt.NDArray[np.int64]
 _SECOND_NS = 1_000_000_000
 #: Recordings lie anywhere within this many seconds from the first of them.
 FIRST_S, SPAN_S = 1_767_225_600, 10_000_000
@@ -79,7 +78,7 @@ def write_run(
 
 
 def _encoded(
-    names: tuple[str, ...], stamps: IndexArray, values: Mapping[str, FloatArray]
+    names: tuple[str, ...], stamps: IntArray, values: Mapping[str, FloatArray]
 ) -> tuple[bytes, int]:
     """Messages of a topic one after the other, and the size of each: all are laid out alike."""
     first = encode(JOINT_STATE, int(stamps[0]), {f: v[0] for f, v in values.items()}, names=names)

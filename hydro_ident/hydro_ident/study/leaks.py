@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hydro_ident.estimate.statistics.rows import BoolArray
+from hydro_model.arrays import BoolArray
 from hydro_model.robot import FloatArray
 
 _FOLDS, _RIDGE, _SEED = 5, 1.0, 7

@@ -16,8 +16,8 @@ from hydro_ident.mismatch.rows.laying import material_of
 from hydro_ident.mismatch.rows.material import Material
 from hydro_ident.mismatch.trials.places import ends_of, instant_spacing, instants_of, passages
 from hydro_ident.study.synthetic import synthetic_recording
+from hydro_model.arrays import IntArray
 from hydro_model.robot_files import load_robot
-from hydro_msgs_docs.cdr import IntArray
 
 ROBOT = load_robot("xs031")
 SECONDS, HOUR_S = 20.0, 3600.0

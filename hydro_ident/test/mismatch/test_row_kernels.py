@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.rows.material import IndexArray
 from hydro_ident.mismatch.rows.row_kernels import between, window_means
+from hydro_model.arrays import IndexArray
 from hydro_model.robot import FloatArray
 
 COUNT, SPAN, LENGTH = 200, 15, 0.03

@@ -17,14 +17,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.bodies.pseudo_inertia import Body
+from hydro_model.arrays import IndexArray
 from hydro_model.robot import FloatArray
-
-IntArray = NDArray[np.intp]
 
 #: Bodies are sought this far inside at most, in units of their size.
 _DEEP_ENOUGH = 0.1
@@ -269,7 +267,7 @@ def _svec(matrices: FloatArray) -> FloatArray:
     return np.asarray(matrices[:, row, column] * np.where(row == column, 1.0, np.sqrt(2.0)))
 
 
-def _triangle(size: int) -> tuple[IntArray, IntArray]:
+def _triangle(size: int) -> tuple[IndexArray, IndexArray]:
     column, row = np.tril_indices(size)
     return row, column
 

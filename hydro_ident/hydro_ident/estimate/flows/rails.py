@@ -17,6 +17,7 @@ from hydro_ident.estimate.flows.rail_kernels import (
     follow_rails,
 )
 from hydro_ident.estimate.signals.traces import Trace
+from hydro_model.arrays import IntArray
 from hydro_model.effects.compiled import law_address, signals_read
 from hydro_model.effects.effect import Stage
 from hydro_model.effects.law import FLOW, ROBOT_STAGES, InternalState, Term
@@ -38,7 +39,6 @@ from hydro_model.effects.signals import (
 )
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot
-from hydro_msgs_docs.cdr import IntArray
 
 #: The flow that each line's laws follow.
 _FLOW = {Stage.SUPPLY: SUPPLY_FLOW, Stage.TANK: RETURN_FLOW}

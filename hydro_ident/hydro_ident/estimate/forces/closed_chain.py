@@ -12,13 +12,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hydro_ident.estimate.statistics.least_squares import Fit
+from hydro_model.arrays import IndexArray
 from hydro_model.multibody.base_parameters import BaseMap
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, Cylinder, FloatArray, Robot
 
-IndexArray = NDArray[np.intp]
 #: The estimator: from the columns that are free and the values (p,) of those that are not (zero
 #: elsewhere) to the fit of the free ones.
 Solve = Callable[[IndexArray, FloatArray], Fit]

@@ -12,12 +12,7 @@ from functools import partial
 import numpy as np
 
 from hydro_ident.estimate.forces.bounds import Bounds, fit_within_bounds, force_bounds
-from hydro_ident.estimate.forces.closed_chain import (
-    HeldPart,
-    IndexArray,
-    fit_with_parts,
-    held_fit,
-)
+from hydro_ident.estimate.forces.closed_chain import HeldPart, fit_with_parts, held_fit
 from hydro_ident.estimate.forces.force_rows import (
     ForceModel,
     LateForce,
@@ -41,6 +36,7 @@ from hydro_ident.estimate.statistics.least_squares import (
 )
 from hydro_ident.estimate.statistics.moments import Moments
 from hydro_ident.estimate.statistics.regression import Solution, solve_wls
+from hydro_model.arrays import IndexArray
 from hydro_model.hydraulics.cylinder import lever
 from hydro_model.multibody.joint_ranges import limits
 from hydro_model.robot import FloatArray, Joint

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hydro_ident.estimate.forces.closed_chain import IndexArray
 from hydro_ident.estimate.forces.inertial import InertialFit
 from hydro_ident.estimate.statistics.blocks import Blocks, blocks_of
 from hydro_ident.estimate.statistics.moments import Moments
 from hydro_ident.estimate.statistics.regression import solve_wls
+from hydro_model.arrays import IndexArray
 from hydro_model.multibody.payload_parameters import payload_effect
 from hydro_model.robot import FloatArray
 

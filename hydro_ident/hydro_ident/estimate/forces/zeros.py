@@ -18,7 +18,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.estimate.forces.closed_chain import IndexArray
 from hydro_ident.estimate.forces.force_rows import ForceModel, pressed_joints
 from hydro_ident.estimate.forces.inertial import InertialFit
 from hydro_ident.estimate.statistics.blocks import Blocks, blocks_of, unit_columns
@@ -26,6 +25,7 @@ from hydro_ident.estimate.statistics.moments import Moments
 from hydro_ident.estimate.statistics.regression import plain_parameters, recording_weights
 from hydro_ident.estimate.statistics.rows import Rows
 from hydro_ident.estimate.statistics.solution import MOST_DOF
+from hydro_model.arrays import IndexArray
 from hydro_model.robot import FloatArray
 
 

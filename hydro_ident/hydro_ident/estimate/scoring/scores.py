@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro_ident.estimate.statistics.rows import BoolArray, Rows
+from hydro_ident.estimate.statistics.rows import Rows
+from hydro_model.arrays import BoolArray
 from hydro_model.robot import FloatArray
 
 #: Periods of the parallel filter's cut-off over which it carries rows into their neighbours.

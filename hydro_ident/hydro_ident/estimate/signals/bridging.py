@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from hydro_ident.estimate.statistics.rows import BoolArray
+from hydro_model.arrays import BoolArray, IntArray
 from hydro_model.robot import FloatArray
-from hydro_msgs_docs.cdr import IntArray
 
 if TYPE_CHECKING:
     from hydro_ident.estimate.signals.traces import Trace

@@ -9,7 +9,7 @@ import numpy as np
 
 from hydro_ident.bag.grid import runs
 from hydro_ident.bag.recording import Recording
-from hydro_ident.estimate.statistics.rows import BoolArray
+from hydro_model.arrays import BoolArray
 from hydro_model.robot import FloatArray
 
 #: A sensor that is missing for this share of a recording is left out instead of all others.

@@ -12,10 +12,9 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import Piece
 from hydro_ident.estimate.signals.bridging import joined, stretches
 from hydro_ident.estimate.signals.parting import borders_of, parts_of
-from hydro_ident.estimate.statistics.rows import BoolArray
+from hydro_model.arrays import BoolArray, IntArray
 from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.robot import FloatArray, Robot
-from hydro_msgs_docs.cdr import IntArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro_ident.estimate.statistics.rows import BoolArray, nonzero_columns
+from hydro_ident.estimate.statistics.rows import nonzero_columns
+from hydro_model.arrays import BoolArray
 from hydro_model.robot import FloatArray
 
 #: Lags kept one by one, in strides (`Rows.stride`); an octave of blocks has half as many.

@@ -24,8 +24,9 @@ from hydro_ident.estimate.statistics.regression import (
     stacked_columns,
 )
 from hydro_ident.estimate.statistics.robust import EXCESS, Weights, robust_scale
-from hydro_ident.estimate.statistics.rows import BoolArray, Rows
+from hydro_ident.estimate.statistics.rows import Rows
 from hydro_ident.estimate.statistics.solution import levels
+from hydro_model.arrays import BoolArray
 from hydro_model.robot import FloatArray
 
 __all__ = [

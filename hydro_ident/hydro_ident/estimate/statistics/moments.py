@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from hydro_ident.estimate.statistics.lag_sums import LagSums
 from hydro_ident.estimate.statistics.lagged_rows import LaggedRows
 from hydro_ident.estimate.statistics.robust import Weights
-from hydro_ident.estimate.statistics.rows import BoolArray, Rows, nonzero_columns
+from hydro_ident.estimate.statistics.rows import Rows, nonzero_columns
+from hydro_model.arrays import BoolArray
 from hydro_model.robot import FloatArray
 
 #: Order of the noise model: rows before a row that predict its noise.

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from hydro_ident.estimate.statistics.blocks import Blocks
 from hydro_ident.estimate.statistics.lag_sums import autocovariance, shifted_autocovariances
 from hydro_ident.estimate.statistics.noise_model import lag_products, noise_model, spread_products
-from hydro_ident.estimate.statistics.rows import BoolArray
+from hydro_model.arrays import BoolArray
 from hydro_model.robot import FloatArray
 
 _PASSES, _SETTLED = 200, 1.0e-12

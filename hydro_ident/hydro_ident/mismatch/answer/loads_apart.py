@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.naming.instants import at_own_instants
@@ -21,6 +20,7 @@ from hydro_ident.mismatch.rows.prediction import Model, Predictor
 from hydro_ident.mismatch.rows.testable import untestable
 from hydro_ident.mismatch.split.check import Check
 from hydro_ident.mismatch.unnamed.unknown import Unexplained
+from hydro_model.arrays import BoolArray
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray

@@ -15,11 +15,11 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from hydro_ident.estimate.scoring.scores import in_turns
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.limits import Limits, solved_within
 from hydro_ident.mismatch.fitting.tall import factored
-from hydro_ident.mismatch.fitting.whitening import IndexArray, Layout, Noise
+from hydro_ident.mismatch.fitting.whitening import Layout, Noise
 from hydro_ident.mismatch.fitting.whitening_kernels import add_blocks, whiten
+from hydro_model.arrays import BoolArray, IndexArray
 from hydro_model.robot import FloatArray
 
 #: Base columns within this share of each other's span count once.

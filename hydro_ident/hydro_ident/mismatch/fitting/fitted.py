@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.bench import Bench
 from hydro_ident.mismatch.fitting.slopes import Start, slopes_at, start_at
 from hydro_ident.mismatch.fitting.stepping import bounded_columns, listed_columns, said_columns
@@ -15,6 +14,7 @@ from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.fitting.weighed import Weighed, deviations_of
 from hydro_ident.mismatch.fitting.whitening import Noise
 from hydro_ident.mismatch.rows.prediction import Model
+from hydro_model.arrays import BoolArray
 from hydro_model.robot import FloatArray
 
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.bench import Bench
 from hydro_ident.mismatch.fitting.prior import Prior
 from hydro_ident.mismatch.fitting.whitening import LEAST_NOISE, Layout, Noise, noise_of
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
 from hydro_ident.mismatch.rows.state_space import smooth_basis
 from hydro_ident.mismatch.settings import BLOCK_S, LEAST_BLOCKS, SHORTEST_BLOCK_S
+from hydro_model.arrays import BoolArray
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot
 

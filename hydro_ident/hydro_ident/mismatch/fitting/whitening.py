@@ -10,13 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.whitening_kernels import whiten
+from hydro_model.arrays import BoolArray, IndexArray
 from hydro_model.robot import FloatArray
-
-IndexArray = NDArray[np.intp]
 
 #: Orders of the autoregression that are tried.
 ORDERS = (0, 1, 2, 3, 4, 6, 8, 12)

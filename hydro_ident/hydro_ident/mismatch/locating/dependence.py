@@ -9,12 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from hydro_ident.estimate.flows.chambers import INVERSE_BULK
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.bench import Bench
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.training import Training, layout_of
-from hydro_ident.mismatch.fitting.whitening import IndexArray
 from hydro_ident.mismatch.rows.state_space import SIGNALS, row_values
+from hydro_model.arrays import BoolArray, IndexArray
 from hydro_model.robot import FloatArray
 
 #: Variable, factor, knots and columns (N, m).

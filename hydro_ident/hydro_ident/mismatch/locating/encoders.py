@@ -20,15 +20,14 @@ from hydro_ident.estimate.forces.force_rows import Motion
 from hydro_ident.estimate.scoring.noise import encoder_noise
 from hydro_ident.estimate.signals.derivatives import FilterSettings, motion
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting.training import Training
-from hydro_ident.mismatch.fitting.whitening import IndexArray
 from hydro_ident.mismatch.locating.dependence import Dependence
 from hydro_ident.mismatch.locating.lines import independent_noise
 from hydro_ident.mismatch.rows.material import Stretch
 from hydro_ident.mismatch.rows.prediction import Predictor
 from hydro_ident.mismatch.trials.contender import Contender
+from hydro_model.arrays import BoolArray, IndexArray
 from hydro_model.robot import FloatArray
 
 #: Effects of joints' accelerations.

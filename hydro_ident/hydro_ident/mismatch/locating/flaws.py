@@ -12,7 +12,6 @@ import numpy as np
 
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.training import Training
-from hydro_ident.mismatch.fitting.whitening import IndexArray
 from hydro_ident.mismatch.locating.dependence import Dependence
 from hydro_ident.mismatch.locating.precision import measured_sizes
 from hydro_ident.mismatch.rows.state_space import row_values
@@ -22,6 +21,7 @@ from hydro_ident.mismatch.settings import (
     PRECISION_FLOW,
     PRECISION_UNNAMED,
 )
+from hydro_model.arrays import IndexArray
 from hydro_model.robot import FloatArray
 
 #: What the machine does, of which flaws are functions.

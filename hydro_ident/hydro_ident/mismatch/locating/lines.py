@@ -9,10 +9,11 @@ import numpy as np
 
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.training import Training
-from hydro_ident.mismatch.fitting.whitening import IndexArray, Noise
+from hydro_ident.mismatch.fitting.whitening import Noise
 from hydro_ident.mismatch.locating.dependence import Dependence, dependence_of
 from hydro_ident.mismatch.locating.periodic import VARIABLES, Lines
 from hydro_ident.mismatch.rows.state_space import row_values
+from hydro_model.arrays import IndexArray
 from hydro_model.robot import FloatArray
 
 #: A variable, the factor's name and its values (N,), 0 on other rows.

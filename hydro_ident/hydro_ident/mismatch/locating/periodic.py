@@ -18,9 +18,8 @@ import numpy as np
 from scipy.special import digamma, polygamma
 from scipy.stats import f as ratio_law
 
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.bench import Bench
-from hydro_ident.mismatch.fitting.whitening import IndexArray
+from hydro_model.arrays import BoolArray, IndexArray
 from hydro_model.robot import FloatArray
 
 ComplexArray = np.ndarray[tuple[int, ...], np.dtype[np.complexfloating]]

@@ -16,7 +16,7 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import lsq_linear
 from scipy.stats import t as student
 
-from hydro_ident.estimate.statistics.rows import BoolArray
+from hydro_model.arrays import BoolArray
 from hydro_model.robot import FloatArray
 
 #: Errors (measured less predicted, weighted) by window for a point; None where one has none.

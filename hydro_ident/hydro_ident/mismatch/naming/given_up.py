@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.settings import FAR
+from hydro_model.arrays import BoolArray
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.bench import Bench
-from hydro_ident.mismatch.fitting.whitening import IndexArray
 from hydro_ident.mismatch.trials.chance import p_value, signs
 from hydro_ident.mismatch.trials.scoring import SWALLOWED, Score
+from hydro_model.arrays import BoolArray, IndexArray
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from hydro_ident.estimate.flows.chambers import held_parts
-from hydro_ident.estimate.statistics.rows import BoolArray
+from hydro_model.arrays import BoolArray
 from hydro_model.effects.compiled import signals_read
 from hydro_model.effects.law import FLOW
 from hydro_model.effects.rows import set_valve_signal

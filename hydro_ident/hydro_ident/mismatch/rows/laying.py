@@ -15,17 +15,16 @@ from hydro_ident.estimate.forces.force_rows import ForceModel, Motion, measured_
 from hydro_ident.estimate.forces.standstill import Rest, held_still
 from hydro_ident.estimate.signals.derivatives import FilterSettings, kept_samples, motion
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.rows.law_signals import looks_across
 from hydro_ident.mismatch.rows.lost_signals import held_trace, out_of_reach
 from hydro_ident.mismatch.rows.material import (
-    IndexArray,
     Material,
     Place,
     Stretch,
     other_pressure,
     pressure_of,
 )
+from hydro_model.arrays import BoolArray, IndexArray
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import FloatArray, Robot
 

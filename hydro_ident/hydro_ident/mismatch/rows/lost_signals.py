@@ -16,8 +16,8 @@ import numpy as np
 
 from hydro_ident.bag.grid import runs
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.settings import LONGEST_DELAY_S
+from hydro_model.arrays import BoolArray
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.robot import FloatArray
 

@@ -23,10 +23,10 @@ from hydro_ident.estimate.signals.derivatives import (
     parallel_filter,
 )
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_ident.estimate.statistics.rows import BoolArray, Rows
+from hydro_ident.estimate.statistics.rows import Rows
+from hydro_model.arrays import BoolArray, IndexArray
 from hydro_model.robot import FloatArray, Robot
 
-IndexArray = NDArray[np.intp]
 Value = TypeVar("Value", bound=np.generic)
 
 

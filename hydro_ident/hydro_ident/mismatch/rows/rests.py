@@ -9,8 +9,8 @@ import numpy as np
 from hydro_ident.bag.grid import runs
 from hydro_ident.estimate.signals.derivatives import FilterSettings, low_pass, motion
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.rows.material import Material, Stretch
+from hydro_model.arrays import BoolArray
 from hydro_model.robot import FloatArray
 
 #: A rest is at least this long, s; so is a motion.

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.linalg import qr
 
 from hydro_ident.estimate.flows.chambers import INVERSE_BULK
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.rows.material import Stretch
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
+from hydro_model.arrays import BoolArray
 from hydro_model.effects import signals as sig
 from hydro_model.robot import FloatArray
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.rows.material import Material, Place, pressure_of
 from hydro_ident.mismatch.rows.rests import moving_rows
+from hydro_model.arrays import BoolArray
 from hydro_model.robot import FloatArray
 
 #: Share of a joint's range by which rows to check on may lie beyond those that were fitted.

@@ -14,11 +14,11 @@ import math
 import numpy as np
 
 from hydro_ident.estimate.forces.force_rows import Motion
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.rows.force_rows import forces_of
 from hydro_ident.mismatch.rows.material import Place, Stretch
 from hydro_ident.mismatch.rows.modelled import Model
 from hydro_ident.mismatch.rows.shaping import Signals
+from hydro_model.arrays import BoolArray
 from hydro_model.effects.targets import ActiveEffect, joint_of
 from hydro_model.robot import FloatArray
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from hydro_ident.estimate.forces.standstill import Rest
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.identify.survey import parked_elsewhere
 from hydro_ident.mismatch.fitting.prior import Prior
 from hydro_ident.mismatch.fitting.training import Training
@@ -18,6 +17,7 @@ from hydro_ident.mismatch.rows.material import Material
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
 from hydro_ident.mismatch.rows.telling import telling, unfitted, within
 from hydro_ident.mismatch.trials.where import VARIABLES
+from hydro_model.arrays import BoolArray
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot
 

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm
 
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.bench import Bench
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.prior import Prior
 from hydro_ident.mismatch.fitting.slopes import linearised
 from hydro_ident.mismatch.fitting.training import layout_of
-from hydro_ident.mismatch.fitting.whitening import IndexArray, Noise
+from hydro_ident.mismatch.fitting.whitening import Noise
 from hydro_ident.mismatch.settings import BLOCK_S
 from hydro_ident.mismatch.split.check import Check
+from hydro_model.arrays import BoolArray, IndexArray
 from hydro_model.robot import FloatArray
 
 #: A finding that goes with held-out rows by chance more often than this does not stand.

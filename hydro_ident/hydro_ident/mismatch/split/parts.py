@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from hydro_ident.estimate.scoring.scores import HoldOut, Parts
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.identify.survey import Survey
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.rows.choices import Choices
 from hydro_ident.mismatch.rows.material import Material
 from hydro_ident.mismatch.settings import PART_S
+from hydro_model.arrays import BoolArray
 
 #: Rows of a channel below this share of what a search would have of it are told: of so few a
 #: search sees effects of twice the usual size at best, as what rows tell grows with their root.

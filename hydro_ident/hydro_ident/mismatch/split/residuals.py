@@ -15,7 +15,6 @@ from hydro_ident.estimate.scoring.noise import flow_noise, force_noise
 from hydro_ident.estimate.scoring.scores import HoldOut
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.traces import Trace
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.identify.command_updates import update_notes, with_updates
 from hydro_ident.identify.survey import (
     Survey,
@@ -56,6 +55,7 @@ from hydro_ident.mismatch.split.parts import (
 from hydro_ident.mismatch.trials.scoring import Bank
 from hydro_ident.recordings.cleaning import Cleaner
 from hydro_ident.recordings.sources import Source
+from hydro_model.arrays import BoolArray
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import Robot
 

@@ -9,10 +9,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.bench import Bench
 from hydro_ident.mismatch.settings import FLIPS, SEED
 from hydro_ident.mismatch.trials.scoring import PER_COEFFICIENT, SWALLOWED, Score, best_subset
+from hydro_model.arrays import BoolArray
 from hydro_model.robot import FloatArray
 
 #: Trials whose columns are taken at a time, and the least share of noise that fits leave.

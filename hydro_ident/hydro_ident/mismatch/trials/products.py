@@ -26,9 +26,9 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from hydro_ident.mismatch.fitting.whitening import IndexArray
 from hydro_ident.mismatch.trials.chance import reached
 from hydro_ident.mismatch.trials.constancy import SHIFTS
+from hydro_model.arrays import IndexArray
 from hydro_model.robot import FloatArray
 
 #: Sign flips: p-values are multiplied by what was tried, and must be able to be small still.

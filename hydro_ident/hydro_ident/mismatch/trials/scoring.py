@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.bench import Bench, Partial, Witness
 from hydro_ident.mismatch.rows.prediction import Model, Predictor, shapes
 from hydro_ident.mismatch.trials.candidates import Trial, trials
+from hydro_model.arrays import BoolArray
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 

@@ -8,13 +8,13 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from hydro_ident.mismatch.fitting.bench import Bench
-from hydro_ident.mismatch.fitting.whitening import IndexArray
 from hydro_ident.mismatch.locating.dependence import inverse_of
 from hydro_ident.mismatch.locating.forms import PERIOD, PLACE, Kind, shape_values
 from hydro_ident.mismatch.locating.lines import waves
 from hydro_ident.mismatch.rows.state_space import hats
 from hydro_ident.mismatch.settings import FORM_TOLERANCE
 from hydro_ident.mismatch.trials.scoring import SWALLOWED
+from hydro_model.arrays import IndexArray
 from hydro_model.robot import FloatArray
 
 #: Deviations beyond which a constant beside a form is not chance.

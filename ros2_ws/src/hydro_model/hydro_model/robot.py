@@ -11,11 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hydro_model.arrays import FloatArray as FloatArray
 from hydro_model.errors import RobotError
-
-FloatArray = NDArray[np.float64]
 
 #: Standard inertial parameters of a link, in this order everywhere (eq. 28 of the paper):
 #: first moments and inertia in the joint frame, inertia about the joint frame's origin.

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hydro_model.arrays import IntArray
 from hydro_model.effects import ActiveEffect, Stage
 from hydro_model.effects.bending import next_parallel, usual_inertia
 from hydro_model.effects.compiled import law_address, signals_read
@@ -18,8 +19,6 @@ from hydro_model.effects.targets import joint_of
 from hydro_model.multibody.chain_arrays import chain_arrays
 from hydro_model.multibody.chain_kernels import SCRATCH
 from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
-
-IntArray = NDArray[np.int64]
 
 _STAGES = list(Stage)
 # Codes of the stages and of what a right-hand side is asked for. They are numpy integers because

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hydro_model.arrays import IntArray
 from hydro_model.numerics.dormand_prince import STAGES
 from hydro_model.numerics.kernel import inlined
 from hydro_model.robot import FloatArray
-from hydro_model.simulation.simulate_arrays import IntArray
 from hydro_model.simulation.simulate_kernels import right_hand_side
 
 Array = Any  # numba types the kernels; mypy follows no numba import
