@@ -62,6 +62,31 @@ def test_blanks_part_nothing_where_another_sign_does(
     assert list(table(tmp_path, *rows).columns) == names
 
 
+@pytest.mark.parametrize(
+    ("head", "row", "columns"),
+    [
+        ("time, q1, q2", "2026-03-12T09:30:0{0}.002, {0}, 2", ["time", "q1", "q2"]),
+        ("q1, q2, time", "{0}.000, 1.500, 09:30:0{0}.002", ["q1", "q2", "time"]),
+        ("q1,   q2,   time", "{0}.000,   1.500,   09:30:0{0}.002", ["q1", "q2", "time"]),
+        ("time, q1, said", "2026-03-12 09:30:0{0}, {0}, on 2 3 4", ["time", "q1", "said"]),
+        ("time;q1;said", "2026-03-12 09:30:0{0};{0};on, 2", ["time", "q1", "said"]),
+        ("time,q1", "2026-03-12T09:30:0{0},{0}", ["time", "q1"]),
+        ("q1, q2, gear, " + ", ".join("abcdefgh"), "{0}, 2, gear 1" + ", 3" * 8, None),
+    ],
+    ids=["date", "clock", "wide gaps", "words", "semicolons", "one value", "more numbers"],
+)
+def test_commas_in_front_of_blanks_part_columns(
+    head: str, row: str, columns: list[str] | None, tmp_path: Path
+) -> None:
+    """Names had kept their commas, which were taken for decimal ones: 1.000 was read as 1000."""
+    log = table(tmp_path, head, *(row.format(k) for k in range(8)))
+    names = {name.strip(): values for name, values in log.columns.items()}
+    assert list(names) == (columns or [name.strip() for name in head.split(",")])
+    np.testing.assert_array_equal(names["q1"], np.arange(8.0))
+    if "time" in names:
+        np.testing.assert_array_equal(names["time"], np.arange(8.0))
+
+
 def test_bars_part_columns(tmp_path: Path) -> None:
     log = table(tmp_path, "t|lift angle", *(f"0,{k}|1,5" for k in range(5)))
     assert "delimiter '|', decimal ','" in log.notes

@@ -25,7 +25,10 @@ _DATE = re.compile(r"(\d{1,4})([-/.])\d\d?\2(\d{1,4})")
 #: Names of columns in which `1.12.20` is a date and no version.
 _DATE_NAME = re.compile(r"\b(?:date|datum)\b", re.IGNORECASE)
 #: What a person would take for a date with a time, whether it is read or not.
-_LOOKS_SO = re.compile(r"\d{1,4}[-/.]\d\d?[-/.]\d{1,4}[T ,]+\d\d?:\d\d.*")
+_BEGINS_SO = r"\d{1,4}[-/.]\d\d?[-/.]\d{1,4}[T ,]+\d\d?:\d\d"
+_LOOKS_SO = re.compile(f"{_BEGINS_SO}.*")
+#: The same without what may be a further cell: only decimals and words, of a zone, go on.
+_ALONE = re.compile(_BEGINS_SO + r"[^\s;,|]*(?:,\d+)?(?: [A-Za-z(\[][^\s;,|]*)*")
 _TRY = "write them as 2026-03-12T09:30:00.002 or 12.03.2026 09:30:00.002, or as seconds"
 _YEAR_FIRST, _DAY_FIRST, _MONTH_FIRST = "year-month-day", "day.month.year", "month/day/year"
 #: A number of this or more is no month, and no hour of a clock of twelve.
@@ -94,13 +97,13 @@ class _Moment:
 
 
 def is_moment(cell: str) -> bool:
-    """Whether a cell is a date with a time, read or not, or a time of day.
+    """Whether a cell is a date with a time, read or not, or a time of day, and nothing more.
 
     Parameters
     ----------
     cell : str
     """
-    return _moment(cell) is not None or _LOOKS_SO.fullmatch(cell.strip()) is not None
+    return _moment(cell) is not None or _ALONE.fullmatch(cell.strip()) is not None
 
 
 def is_date(name: str, cell: str) -> bool:

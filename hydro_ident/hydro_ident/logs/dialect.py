@@ -49,7 +49,8 @@ def dialect(lines: Sequence[str], layout: CsvLayout) -> tuple[str, str]:
             asked = layout.delimiter and layout.decimal
             if decimal == delimiter and not (asked or commas_are_decimal(cells)):
                 continue  # Commas that part columns and stand in quoted cells may part thousands.
-            good = _share(cells, decimal, moments=delimiter == " ") * alike / len(rows)
+            # A column of moments alone is no log.
+            good = _share(cells, decimal, delimiter, moments=width > 1) * alike / len(rows)
             if delimiter == " " and not (layout.delimiter or (width > 1 and good >= _PLAINLY)):
                 continue
             # A comma between digits parts columns or decimals; where semicolons or tabs part
@@ -67,9 +68,11 @@ def _delimiters(lines: Sequence[str]) -> str:
     return _SIGNS if any(sign in line for sign in _PARTING for line in lines) else f"{_SIGNS} "
 
 
-def _share(cells: Sequence[str], decimal: str, *, moments: bool) -> float:
+def _share(cells: Sequence[str], decimal: str, delimiter: str, *, moments: bool) -> float:
     """Share of cells that are numbers, or moments where those count as such."""
-    good = sum(is_number(cell, decimal) or (moments and is_moment(cell)) for cell in cells)
+    # What ends in a comma before a blank was parted by the comma, and is no number of its own.
+    whole = [cell for cell in cells if not (delimiter == " " and cell.endswith(","))]
+    good = sum(is_number(cell, decimal) or (moments and is_moment(cell)) for cell in whole)
     return good / max(len(cells), 1)
 
 
