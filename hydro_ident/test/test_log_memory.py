@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import hydro_ident.logs.text as reader
 from hydro_ident.bag import memory
 from hydro_ident.bag.memory import available_bytes
 from hydro_ident.errors import BagError
@@ -51,6 +52,28 @@ def test_what_is_asked_for_is_enough(tmp_path: Path, cell: str, rows: int, colum
     )
     # What the interpreter itself needs for the first log is not the log's.
     assert int(json.loads(out.stdout)) < size.needed + 8_000_000
+
+
+@pytest.mark.parametrize("sign", [",", ";", "\t", ""])
+def test_blanks_that_pad_cells_are_no_cells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sign: str
+) -> None:
+    """Each had been counted as one, and a padded log was refused when it was packed."""
+    rows, columns = 500, 9
+    lines = [f"{sign} ".join([f"{k:15.3f}"] * columns) for k in range(rows)]
+    text = "\n".join([f"{sign} ".join(f"{f'c{i}':>15s}" for i in range(columns)), *lines, ""])
+    size = TextSize()
+    for piece in (text[:1001], text[1001:2002], text[2002:], ""):
+        size.add(piece.encode())
+    # Blanks in front of a line may part it from nothing; what is counted is enough.
+    assert (rows + 1) * columns <= size.cells <= (rows + 1) * (columns + 1) + 2
+    wide = TextSize()
+    wide.add(text.encode("utf-16-le"))
+    assert wide.cells <= size.cells
+    path = tmp_path / "log.csv.gz"
+    path.write_bytes(gzip.compress(text.encode()))
+    monkeypatch.setattr(reader, "most_unfolded", lambda _: 3 * len(text))
+    assert len(read_log(path).columns["c8"]) == rows
 
 
 @pytest.mark.parametrize("packed", [False, True])

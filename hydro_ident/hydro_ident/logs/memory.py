@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from hydro_ident.bag import memory
 
 #: What a text log takes at most: for each byte (raw, decoded, in lines), cell and line. Measured
@@ -38,13 +40,19 @@ class TextSize:
         ends = sum(piece.count(mark) for mark in _LINE_ENDS)
         self.count += len(piece)
         self.lines += ends
-        # Blanks part columns only where no other sign does.
-        self.cells += ends + max(sum(map(piece.count, _MARKS)), piece.count(b" "))
+        # Blanks part columns only where no other sign does, and any number of them parts two.
+        self.cells += ends + max(sum(map(piece.count, _MARKS)), _runs(piece))
 
     @property
     def needed(self) -> int:
         """Memory to read it, bytes."""
         return _PER_BYTE * self.count + _PER_CELL * self.cells + _PER_LINE * self.lines
+
+
+def _runs(piece: bytes) -> int:
+    """How many runs of blanks a piece has, of signs of two bytes, too."""
+    blank = np.frombuffer(piece.replace(b"\0", b""), dtype=np.uint8) == ord(" ")
+    return int(np.count_nonzero(blank[1:] & ~blank[:-1])) + int(blank[:1].sum())
 
 
 def read_text(path: Path) -> bytes:
