@@ -9,8 +9,9 @@ import pytest
 import yaml
 
 from hydro_ident.bag.reader import read_bag
+from hydro_ident.logs.clocks import timeline_of
 from hydro_ident.logs.convert import Conversion, convert
-from hydro_ident.logs.file import read_log
+from hydro_ident.logs.file import Exact, Log, read_log
 from hydro_ident.logs.map import read_map
 from hydro_ident.logs.suggest import suggest
 
@@ -84,3 +85,28 @@ def test_a_share_of_cycles_that_is_lost_is_warned_of(
     # Of 667 instants until the end, 333 fall between two of the finest.
     assert ("333 of 667 instants are further than" in found) == hint
     assert ("time: {within_s: 0.0012} would keep them" in found) == hint
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "ns"])
+@pytest.mark.parametrize("exact", [True, False])
+@pytest.mark.parametrize("first", [0, 7, 1_773_307_800])
+def test_limits_take_the_samples_that_stand_at_them(
+    first: int, exact: bool, unit: str, tmp_path: Path
+) -> None:
+    """A double of seconds since 1970 misses what was written by up to 0.12 us."""
+    steps_ms = 1000 * first + 2 * np.arange(500)
+    per_ms = {"s": 1e-3, "ms": 1.0, "ns": 1e6}[unit]
+    columns = {"t": steps_ms * per_ms, "q": np.arange(500.0)}
+    whole = {"t": Exact(steps_ms * 10**6) if unit == "ns" else Exact(steps_ms, 3 * (unit == "s"))}
+    log = Log(tmp_path / "log.csv", columns, exact=whole if exact else {})
+    mapping = {
+        "start": "1970-01-01T00:00:00Z",
+        "time": {"signal": "t", "unit": unit},
+        "joints": {"lift": {"signal": "q", "unit": "deg"}},
+    }
+    for begin, end in [(2, 6), (14, 402), (58, 998), (128, 384)]:
+        limits = {"from_s": first + begin / 1000, "to_s": float(f"{first}.{end:03d}")}
+        mapping["time"] |= limits
+        (tmp_path / "map.yaml").write_text(yaml.safe_dump(mapping), encoding="utf-8")
+        rows = timeline_of(log, read_map(tmp_path / "map.yaml")).rows[""]
+        np.testing.assert_array_equal(np.flatnonzero(rows >= 0), np.arange(begin, end + 1, 2) // 2)

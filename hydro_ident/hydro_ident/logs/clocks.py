@@ -15,7 +15,7 @@ from hydro_ident.errors import BagError
 from hydro_ident.logs.file import Log
 from hydro_ident.logs.joining import joined
 from hydro_ident.logs.map import LogMap
-from hydro_ident.logs.origin import Seconds, seconds_of
+from hydro_ident.logs.origin import Seconds, instant_since, seconds_of
 from hydro_ident.logs.signal import Clock, LogSignal
 from hydro_ident.logs.times import EPOCH_S, counts_from, stop_of
 from hydro_model.arrays import FloatArray, IntArray
@@ -93,8 +93,11 @@ def timeline_of(log: Log, mapping: LogMap) -> Timeline:
         for name, one in found.items()
     }
     remarks = [_beginning(name, seconds, times, origin_s) for name, seconds in times.items()]
-    begin, end = mapping.from_s - origin_s, mapping.to_s - origin_s
-    inside = {n: (t >= begin) & (t <= end) for n, t in times.items()}
+    begin, end = (instant_since(limit, origin_ns) for limit in (mapping.from_s, mapping.to_s))
+    inside = {
+        n: (t >= begin - found[n].slack_s) & (t <= end + found[n].slack_s)
+        for n, t in times.items()
+    }
     # Cells without a time, below a slower clock's last, are no samples.
     cut = sum(int(np.count_nonzero(~kept & np.isfinite(times[n]))) for n, kept in inside.items())
     if cut:

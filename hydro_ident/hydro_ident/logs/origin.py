@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from decimal import Decimal
 
 import numpy as np
 
 from hydro_ident.logs.file import Exact
+from hydro_ident.logs.joining import slack_s
 from hydro_ident.logs.signal import Clock
 from hydro_model.arrays import FloatArray
 
@@ -33,6 +35,8 @@ class Seconds:
         That they are of; empty: they are counted.
     factor : float
         Of the recorded numbers to seconds.
+    slack_s : float
+        What their rounding may make of equal instants.
     """
 
     seconds: FloatArray
@@ -40,6 +44,7 @@ class Seconds:
     late_s: float = 0.0
     signal: str = ""
     factor: float = 1.0
+    slack_s: float = 1e-9
 
     def since(self, origin_ns: int) -> FloatArray:
         """Times since another origin, s.
@@ -81,4 +86,26 @@ def seconds_of(clock: Clock, recorded: FloatArray, exact: Exact | None) -> Secon
         since[known] = (exact.whole[known] - origin * one) / one
     # Every unit of time is a whole number of ns.
     origin_ns = origin * round(clock.factor * 1e9)
-    return Seconds(clock.factor * since, origin_ns, clock.late_s, clock.signal, clock.factor)
+    seconds = clock.factor * since
+    rounded = seconds if exact is not None else clock.factor * recorded
+    slack = slack_s(rounded[known]) if len(known) else 0.0
+    return Seconds(seconds, origin_ns, clock.late_s, clock.signal, clock.factor, slack)
+
+
+def instant_since(instant_s: float, origin_ns: int) -> float:
+    """An instant as a person wrote it, since another origin, s.
+
+    Its double is rounded; the shortest decimal number of that double is what was written.
+
+    Parameters
+    ----------
+    instant_s : float
+    origin_ns : int
+
+    Returns
+    -------
+    float
+    """
+    if not math.isfinite(instant_s):
+        return instant_s
+    return float(Decimal(repr(float(instant_s))) - Decimal(origin_ns).scaleb(-9))
