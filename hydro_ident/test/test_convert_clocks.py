@@ -12,6 +12,7 @@ from hydro_ident.bag.reader import read_bag
 from hydro_ident.logs.clocks import timeline_of
 from hydro_ident.logs.convert import Conversion, convert
 from hydro_ident.logs.file import Exact, Log, read_log
+from hydro_ident.logs.joining import joined, joining_s
 from hydro_ident.logs.map import read_map
 from hydro_ident.logs.suggest import suggest
 
@@ -85,6 +86,47 @@ def test_a_share_of_cycles_that_is_lost_is_warned_of(
     # Of 667 instants until the end, 333 fall between two of the finest.
     assert ("333 of 667 instants are further than" in found) == hint
     assert ("time: {within_s: 0.0012} would keep them" in found) == hint
+
+
+@pytest.mark.parametrize(
+    ("slow_ms", "own_ms", "rows", "left"),
+    [
+        ([-1, 1, 3, 5], [-1], [0, 1, 2, 3], 1),
+        ([1.1, 2.9, 6, 8.5], [1.1], [1, 2, 4, 5], 1),
+        ([1.2, 2.1, 2.9, 5.6, 8, 10.4], [1.2, 2.9], [1, 2, 3, 5, 6, 7], 2),
+        ([1, 3, 5], [], [0, 1, 2], 0),
+    ],
+    ids=["before the first", "equally near", "nearest", "none"],
+)
+def test_no_two_samples_of_a_clock_are_in_one_cycle(
+    slow_ms: list[float], own_ms: list[float], rows: list[int], left: int
+) -> None:
+    """The earlier one had been written over, unsaid."""
+    fast_ms = np.arange(0.0, 11.0, 2.0)
+    times = {"": fast_ms * 1e-3, "slow": np.array([*slow_ms, np.nan]) * 1e-3}
+    cycles, found, remarks, _ = joined(times, joining_s(2e-3))
+    np.testing.assert_allclose(cycles, np.union1d(fast_ms, own_ms) * 1e-3, atol=1e-12)
+    np.testing.assert_array_equal(found["slow"], [*rows, -1])
+    np.testing.assert_allclose(cycles[found[""]], times[""], atol=1e-12)
+    said = f"clock 'slow': {left} instants have cycles of their own, as another of the same clock"
+    assert any(remark.startswith(said) for remark in remarks) == bool(left)
+
+
+def test_every_sample_is_in_a_cycle_of_its_own_or_moved_by_no_more_than_asked() -> None:
+    """Three clocks that jitter, joined by several shares of a period."""
+    rng = np.random.default_rng(7)
+    for share in (0.0, 0.2, 0.6, 3.0):
+        times = {
+            name: np.cumsum(rng.uniform(0.2, 1.8, 400)) * step + rng.uniform(-step, step)
+            for name, step in {"": 2e-3, "b": 2.1e-3, "c": 5e-3}.items()
+        }
+        cycles, rows, _, _ = joined(times, share * 2e-3)
+        assert (np.diff(cycles) > 0.0).all()
+        for name, instants in times.items():
+            assert len(np.unique(rows[name])) == len(instants)
+            moved = np.abs(cycles[rows[name]] - instants)
+            assert moved.max() <= max(share, 0.05) * 2.2e-3 + 1e-9
+        assert set(np.concatenate(list(rows.values()))) == set(range(len(cycles)))
 
 
 @pytest.mark.parametrize("unit", ["s", "ms", "ns"])

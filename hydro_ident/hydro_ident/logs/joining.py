@@ -46,19 +46,42 @@ def joined(
     cycles, remarks, apart = finest, [], []
     period = _period(finest)
     within = within_s or SAME * period
+    places = dict(known)
     for name in order[1:]:
         near = nearest(cycles, known[name])
         shift = np.abs(cycles[near] - known[name])
-        shared = shift <= within + slack_s(cycles)
-        cycles = np.union1d(cycles, known[name][~shared])
+        reached = shift <= within + slack_s(cycles)
+        shared = _one_for_each(near, shift, reached, slack_s(cycles))
+        places[name] = np.where(shared, cycles[near], known[name])
+        cycles = np.union1d(cycles, places[name])
         remarks.append(_shared_remark(name, shared, shift, period))
+        remarks.append(_taken_remark(name, int((reached & ~shared).sum())))
         during = (known[name] >= finest[0]) & (known[name] <= finest[-1])
-        apart += _lost_warning(name, shared[during], within, period)
+        apart += _lost_warning(name, reached[during], within, period)
     rows = {}
     for name, t in times.items():
         rows[name] = np.full(len(t), -1, dtype=np.int64)
-        rows[name][np.isfinite(t)] = nearest(cycles, t[np.isfinite(t)])
+        rows[name][np.isfinite(t)] = np.searchsorted(cycles, places[name])
     return cycles, rows, remarks, apart
+
+
+def _one_for_each(
+    near: IntArray, shift: FloatArray, reached: np.ndarray, slack: float
+) -> np.ndarray:
+    """Of one clock's instants that reach the same cycle the nearest; of equally near the last.
+
+    The last: where the nearest of two cycles is in doubt, instants take the earlier.
+    """
+    at = np.flatnonzero(reached)
+    taken, group = np.unique(near[at], return_inverse=True)
+    least = np.full(len(taken), np.inf)
+    np.minimum.at(least, group, shift[at])
+    nearest_ones = shift[at] <= least[group] + slack
+    keeper = np.zeros(len(taken), dtype=np.int64)
+    np.maximum.at(keeper, group[nearest_ones], at[nearest_ones])
+    shared = np.zeros(len(near), dtype=bool)
+    shared[keeper] = True
+    return shared
 
 
 def _period(seconds: FloatArray) -> float:
@@ -126,6 +149,15 @@ def _shared_remark(name: str, shared: np.ndarray, shift: FloatArray, period: flo
             f" {{within_s: {joining_s(period):g}}} would move each to the nearest"
         )
     return text
+
+
+def _taken_remark(name: str, count: int) -> str:
+    if not count:
+        return ""
+    return (
+        f"{_called(name)}: {count} instants have cycles of their own, as another of the same clock"
+        " is nearer to the instant that within_s moves them to"
+    )
 
 
 def _lost_warning(name: str, shared: np.ndarray, within: float, period: float) -> list[str]:
