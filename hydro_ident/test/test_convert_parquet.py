@@ -91,6 +91,21 @@ def test_what_is_left_out_is_named(tmp_path: Path, capsys, monkeypatch) -> None:
     assert "no signal" not in said
 
 
+@pytest.mark.parametrize("first", ["axis", "axis.q"])
+def test_a_struct_beside_a_column_of_its_dotted_name_is_left_out(
+    first: str, tmp_path: Path
+) -> None:
+    """It had ended in a bare TypeError: asked for the column, Arrow reads the struct, too."""
+    both = {
+        "axis": pa.array([{"q": 7.0, "said": "x"}] * COUNT),
+        "axis.q": np.arange(float(COUNT)),
+    }
+    log = read(tmp_path, **{first: both.pop(first)}, **both)
+    assert list(log.columns) == ["axis.q"]
+    np.testing.assert_array_equal(log.columns["axis.q"], np.arange(float(COUNT)))
+    assert list(log.unread) == ["axis"]
+
+
 def test_a_file_of_nothing_that_is_read_names_what_it_has(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="found no column of numbers; 'said' is of type string"):
         read(tmp_path, said=pa.array(["x"] * COUNT))

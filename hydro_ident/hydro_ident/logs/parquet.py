@@ -61,6 +61,8 @@ def read_parquet_log(path: Path) -> Log:
             # Told by the file's end, whatever its pages unfold to: a few bytes may be many rows.
             require(path, max(sum(map(_bytes_of, wanted.values())), 1) * file.metadata.num_rows)
             table = file.read(columns=list(wanted))
+            # Asked for `axis.q`, Arrow also reads that part of a struct `axis`.
+            table = table.select([k for k, n in enumerate(table.column_names) if n in wanted])
         columns, moments = _columns(table)
         exact = _exact(table)
         units = {
