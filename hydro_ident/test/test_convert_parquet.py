@@ -106,6 +106,15 @@ def test_a_struct_beside_a_column_of_its_dotted_name_is_left_out(
     assert list(log.unread) == ["axis"]
 
 
+def test_two_columns_of_one_name_are_refused(tmp_path: Path) -> None:
+    from pyarrow import parquet
+
+    twice = pa.Table.from_arrays([pa.array([0.0, 1.0])] * 2, names=["q", "q"])
+    parquet.write_table(twice, tmp_path / "log.parquet")
+    with pytest.raises(BagError, match="column 'q' appears more than once"):
+        read_log(tmp_path / "log.parquet")
+
+
 def test_a_file_of_nothing_that_is_read_names_what_it_has(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="found no column of numbers; 'said' is of type string"):
         read(tmp_path, said=pa.array(["x"] * COUNT))

@@ -9,6 +9,7 @@ import numpy as np
 
 from hydro_ident.bag.memory import require
 from hydro_ident.errors import BagError
+from hydro_ident.logs.cells import check_once
 from hydro_ident.logs.dates import Dated, over_midnight, together
 from hydro_ident.logs.file import Exact, Log
 from hydro_model.arrays import FloatArray
@@ -43,7 +44,8 @@ def read_parquet_log(path: Path) -> Log:
     Raises
     ------
     BagError
-        pyarrow is not there, the file is no Parquet file, or it does not fit into memory.
+        pyarrow is not there, the file is no Parquet file, two of its columns have one name, or it
+        does not fit into memory.
     """
     try:
         from pyarrow import (  # type: ignore[import-not-found, import-untyped, unused-ignore]
@@ -58,6 +60,7 @@ def read_parquet_log(path: Path) -> Log:
         with parquet.ParquetFile(path) as file:
             kinds = {f.name: str(f.type) for f in file.schema_arrow}
             wanted = {name: kind for name, kind in kinds.items() if kind.startswith(_READ)}
+            check_once([f.name for f in file.schema_arrow if f.name in wanted], path)
             # Told by the file's end, whatever its pages unfold to: a few bytes may be many rows.
             require(path, max(sum(map(_bytes_of, wanted.values())), 1) * file.metadata.num_rows)
             table = file.read(columns=list(wanted))
