@@ -37,6 +37,23 @@ def test_a_missing_number_does_not_refuse_the_log(
     np.testing.assert_allclose(log.columns["t"], 0.1 * np.arange(5))
 
 
+@pytest.mark.parametrize("units", ["1;-;-;-", "1;1;deg;-", "-;-;1;1", "s;-;-;-"])
+def test_a_line_of_units_that_has_few_is_no_line_of_numbers(units: str, tmp_path: Path) -> None:
+    log = table(tmp_path, "n;q;p;u", units, *(f"{k};{k}.5;2;3" for k in range(5)))
+    np.testing.assert_array_equal(log.columns["n"], np.arange(5.0))
+    assert list(log.units.values()) == units.split(";")
+
+
+def test_a_first_line_of_missing_numbers_is_one_where_dashes_stand_for_them(
+    tmp_path: Path,
+) -> None:
+    log = table(tmp_path, "t;q;p;u", "1;-;-;-", "2;5;-;-", "3;5;6;7", "4;5;6;7")
+    np.testing.assert_array_equal(log.columns["t"], np.arange(1.0, 5.0))
+    np.testing.assert_array_equal(log.columns["q"], [np.nan, 5.0, 5.0, 5.0])
+    log = table(tmp_path, "t;q;p;u", "1;#N/A;#N/A;#N/A", "2;5;6;7", "3;5;6;7")
+    np.testing.assert_array_equal(log.columns["t"], [1.0, 2.0, 3.0])
+
+
 def test_another_text_says_what_can_be_tried(tmp_path: Path) -> None:
     said = "line 3: expected a number, found 'off'; a missing number is an empty cell, NaN or #N/A"
     with pytest.raises(BagError, match=said):

@@ -34,6 +34,8 @@ _FIRST = re.compile(r"[;,|\s]")
 #: A typographer's minus as the sign of a cell's number.
 _MINUS = re.compile(r"(?<![^\s;,|\"])\u2212(?=[.,]?\d)")
 _BYTES_PER_CELL = 32
+#: In a line of units: of a quantity that has none.
+_NO_UNIT = ("-", "1")
 
 
 def read_text_log(path: Path, layout: CsvLayout) -> Log:
@@ -150,7 +152,8 @@ def _read_table(
         # Of the table's width it may be the line of names.
         rows = [r for r in rows if len(r[1]) == usual or not "".join(r[1][:1]).startswith("%")]
     data = (k for k, (_, row) in enumerate(rows) if _is_data(row, decimal))
-    begin = next((k for k in data if len(rows[k][1]) > 1 or usual == 1), None)
+    data = (k for k in data if len(rows[k][1]) > 1 or usual == 1)
+    begin = next((k for k in data if not _may_be_units(rows[k][1], rows[k + 1 :])), None)
     if begin is None:
         raise BagError(
             f"{path}: expected lines of numbers, found none with delimiter '{delimiter}' and"
@@ -184,6 +187,18 @@ def _is_data(row: Sequence[str], decimal: str) -> bool:
     return sum(known) * 2 > len(known) - missing
 
 
+def _may_be_units(row: Sequence[str], below: Sequence[Row]) -> bool:
+    """Whether few numbers, each 1, and dashes are units of quantities that have none.
+
+    Dashes alone tell nothing where they stand for missing numbers further down.
+    """
+    cells = [cell.strip() for cell in row if cell.strip()]
+    named = [cell for cell in cells if cell not in _NO_UNIT]
+    if cells.count("1") * 2 > len(cells) or any(spelt(cell) is None for cell in named):
+        return False
+    return bool(named) or not any(cell.strip() == "-" for _, r in below for cell in r)
+
+
 def _remark_of_names(remarks: Sequence[tuple[int, str]], data: Row, delimiter: str) -> list[Row]:
     """The comment right above the numbers where it has a cell for each: names of NumPy's files."""
     above = [(n, line.lstrip("#% ")) for n, line in remarks if n < data[0]]
@@ -196,7 +211,7 @@ def _header(path: Path, rows: Sequence[Row], data: Row) -> tuple[list[str], dict
     if not rows:
         raise BagError(f"{path}: {NO_NAMES}")
     head = [row for _, row in rows]
-    with_units = _known_units(head[-1]) if len(head) > 1 else 0
+    with_units = len(head) > 1 and _are_units(head[-1])
     named = len(head) - (2 if with_units else 1)
     names = [name.replace("\n", " ").strip() for name in head[named]]
     while names and not names[-1]:
@@ -213,8 +228,9 @@ def _header(path: Path, rows: Sequence[Row], data: Row) -> tuple[list[str], dict
     return names, units, named
 
 
-def _known_units(row: Sequence[str]) -> int:
-    """How many cells are units; 0 where most are something else."""
-    cells = [cell for cell in row if cell.strip() and cell.strip() not in ("-", "1")]
+def _are_units(row: Sequence[str]) -> bool:
+    """Whether most cells are units, of those that name one."""
+    given = [cell for cell in row if cell.strip()]
+    cells = [cell for cell in given if cell.strip() not in _NO_UNIT]
     known = sum(spelt(cell) is not None for cell in cells)
-    return known if known * 2 > len(cells) else 0
+    return known * 2 > len(cells) or (bool(given) and not cells)
