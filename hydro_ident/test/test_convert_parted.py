@@ -118,6 +118,27 @@ def test_names_in_a_comment_right_above_the_numbers_are_read(
     assert "names from line 2, a comment" in log.notes
 
 
+@pytest.mark.parametrize("sign", [",", ";", "\t", " | "])
+@pytest.mark.parametrize("units", [[], ["-{0}s{0}deg"]], ids=["names", "units"])
+def test_a_column_may_be_named_by_a_hash_alone(
+    sign: str, units: list[str], tmp_path: Path
+) -> None:
+    """Its name had been empty."""
+    rows = [sign.join(f"{k} {k + 0.5} 2".split()) for k in range(5)]
+    head = [line.format(sign) for line in ["#{0}t{0}q", *units]]
+    log = table(tmp_path, "# Run 7", *head, *rows)
+    assert list(log.columns) == ["#", "t", "q"]
+    assert log.units.get("q", "") == ("deg" if units else "")
+
+
+def test_a_comment_that_lacks_a_name_is_no_line_of_names(tmp_path: Path) -> None:
+    rows = [f"{k},{k + 0.5},2" for k in range(5)]
+    for names in ("#,,q", "# t,,q"):
+        with pytest.raises(BagError, match="expected a first line of names, found numbers"):
+            table(tmp_path, names, *rows)
+    assert list(table(tmp_path, "t,q,p", "#,,", *rows, "#, pause,").columns) == ["t", "q", "p"]
+
+
 def test_a_missing_number_that_begins_a_line_is_no_remark(tmp_path: Path) -> None:
     log = table(tmp_path, "t;q", "0;1", "#N/A;2", "#NV;3", "3;4")
     np.testing.assert_array_equal(log.columns["t"], [0.0, np.nan, np.nan, 3.0])

@@ -30,7 +30,7 @@ _MOST_CHARACTERS = 1 << 22
 #: Bytes that tell UTF-16, and the share of its high bytes that are empty in a log.
 _PROBED, _EMPTY = 2000, 0.9
 #: What may part a line's first cell from the rest.
-_FIRST = re.compile(r"[;,|\s]")
+_FIRST, _PARTED = re.compile(r"[;,|\s]"), re.compile(r"[;,|\t]")
 #: A typographer's minus as the sign of a cell's number.
 _MINUS = re.compile(r"(?<![^\s;,|\"])\u2212(?=[.,]?\d)")
 _BYTES_PER_CELL = 32
@@ -88,10 +88,16 @@ def _read_layout(path: Path, layout: CsvLayout) -> Log:
 
 
 def _is_remark(line: str, layout: CsvLayout) -> bool:
-    """Whether a line is left out by how it begins; `#N/A` is a missing number."""
+    """Whether a line is left out by how it begins.
+
+    `#N/A` is a missing number, and `#` as one of several names that of a column.
+    """
     if layout.comment:
         return line.startswith(layout.comment)
-    return line.startswith("#") and not is_missing(_FIRST.split(line, maxsplit=1)[0])
+    if not line.startswith("#") or is_missing(_FIRST.split(line, maxsplit=1)[0]):
+        return False
+    first, *names = _PARTED.split(line)
+    return first.strip() != "#" or not names or not all(name.strip() for name in names)
 
 
 def _text(path: Path) -> str:
@@ -200,10 +206,12 @@ def _may_be_units(row: Sequence[str], below: Sequence[Row]) -> bool:
 
 
 def _remark_of_names(remarks: Sequence[tuple[int, str]], data: Row, delimiter: str) -> list[Row]:
-    """The comment right above the numbers where it has a cell for each: names of NumPy's files."""
+    """The comment right above the numbers where it has a name for each: as NumPy writes them."""
     above = [(n, line.lstrip("#% ")) for n, line in remarks if n < data[0]]
     rows = split(above[-1:], delimiter) if above and above[-1][1] else []
-    return rows if rows and len(rows[0][1]) == len(data[1]) > 1 else []
+    if not rows or not len(rows[0][1]) == len(data[1]) > 1:
+        return []
+    return rows if all(name.strip() for name in rows[0][1]) else []
 
 
 def _header(path: Path, rows: Sequence[Row], data: Row) -> tuple[list[str], dict[str, str], int]:
