@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from decimal import Decimal
 from pathlib import Path
 
@@ -78,9 +79,9 @@ def test_what_is_left_out_is_named(tmp_path: Path, capsys, monkeypatch) -> None:
     )
     assert run([str(file), "--suggest", str(tmp_path / "new.yaml")]) == 0
     shown = capsys.readouterr().out
-    assert "left out: of type list<" in shown
-    assert "left out: of type string, " in shown
-    assert "#   both: left out: of type list" in (tmp_path / "new.yaml").read_text()
+    assert re.search("^both +- +of type list<", shown, re.M)
+    assert re.search("^said +- +of type string, ", shown, re.M)
+    assert "# Left out:\n#   both: of type list" in (tmp_path / "new.yaml").read_text()
     mapping = {"time": {"signal": "t"}, "joints": {"lift": {"signal": "both"}}}
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(mapping))
     asked = ["--map", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "bag")]
@@ -104,6 +105,23 @@ def test_a_struct_beside_a_column_of_its_dotted_name_is_left_out(
     assert list(log.columns) == ["axis.q"]
     np.testing.assert_array_equal(log.columns["axis.q"], np.arange(float(COUNT)))
     assert list(log.unread) == ["axis"]
+
+
+def test_names_of_several_lines_stay_in_theirs(tmp_path: Path, capsys) -> None:
+    """The second line of one had stood outside the comment, as a line of the mapping."""
+    odd = {
+        "said\nschema: 7": pa.array(["x"] * COUNT),
+        "q_rad\nlift \u00b0\U0001f600": STEPS * 1e-9,
+    }
+    file = written(tmp_path, t=STEPS * 1e-9, **odd)
+    assert run([str(file), "--suggest", str(tmp_path / "new.yaml")]) == 0
+    text = (tmp_path / "new.yaml").read_text(encoding="utf-8")
+    assert "#   said\\nschema: 7: of type string" in text
+    shown = capsys.readouterr().out.splitlines()
+    assert any(line.startswith("said\\nschema: 7 ") for line in shown)
+    assert any(line.startswith("q_rad\\nlift ") for line in shown)
+    mapping = yaml.safe_load(text)
+    assert [entry["signal"] for entry in mapping["joints"].values()] == [list(odd)[1]]
 
 
 def test_two_columns_of_one_name_are_refused(tmp_path: Path) -> None:

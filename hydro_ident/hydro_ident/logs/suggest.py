@@ -119,7 +119,7 @@ def suggest(log: Log, robot: Robot | None = None, robot_name: str = "") -> Sugge
             guesses.append(Guess(reading.column, "", "", {}, reading.level, why))
     guesses = _units_of_others(guesses, readings, named, targets)
     guesses += [
-        Guess(name, "", "", {}, "open", (f"left out: {why}",))
+        Guess(name, "", "", {}, "open", (why,))
         for name, why in log.unread.items()
         if name not in log.columns
     ]

@@ -10,6 +10,7 @@ import yaml
 from hydro_ident.logs.guess import Guess
 from hydro_ident.logs.map import SCHEMA, SECTIONS
 from hydro_ident.logs.suggest import Suggestion
+from hydro_model.errors import printable
 
 _LEVELS = {"sure": "sure", "likely": "likely", "guess": "a guess", "open": "FILL IN"}
 #: Columns of the longest name that the table shows whole.
@@ -29,7 +30,9 @@ def mapping_text(suggestion: Suggestion) -> str:
     -------
     str
     """
-    return "\n".join([*_head(suggestion), *_body(suggestion), *_tail(suggestion)]) + "\n"
+    lines = (*_head(suggestion), *_body(suggestion), *_tail(suggestion))
+    # Names of a Parquet file's columns may hold line breaks, and a comment ends at one.
+    return "\n".join(map(printable, lines)) + "\n"
 
 
 def _head(s: Suggestion) -> Iterator[str]:
@@ -81,7 +84,10 @@ def _scalar(value: object) -> str:
     """A value on one line, quoted where YAML would read it otherwise."""
     if not isinstance(value, str):
         return json.dumps(value)
-    plain = yaml.safe_dump([value], default_flow_style=True, width=10_000, allow_unicode=True)
+    style = None if value.isprintable() else '"'  # in which line breaks are escaped
+    plain = yaml.safe_dump(
+        [value], default_flow_style=True, default_style=style, width=10_000, allow_unicode=True
+    )
     return plain.strip()[1:-1]
 
 
@@ -101,13 +107,14 @@ def lines_of(suggestion: Suggestion) -> list[str]:
         units = [str(g.entry[key]) for key in ("unit", "reference") if key in g.entry]
         into = f"{g.section}{', ' if g.name else ''}{g.name} {' '.join(units)}".strip() or "-"
         # Names that are long differ at their end: `rec.signals.LABEL`.
-        name = g.column if len(g.column) <= _WIDEST else f"…{g.column[1 - _WIDEST :]}"
+        name = printable(g.column)
+        name = name if len(name) <= _WIDEST else f"…{name[1 - _WIDEST :]}"
         rows.append((name, into, _LEVELS[g.level] if g.section else "", "; ".join(g.why)))
     widths = [max(len(row[k]) for row in rows) for k in range(3)]
     lines = [
-        " ".join(f"{cell:{width}s}" for cell, width in zip(row, [*widths, 0], strict=True))
+        printable(" ".join(f"{cell:{w}s}" for cell, w in zip(row, [*widths, 0], strict=True)))
         for row in rows
     ]
-    lines += [f"to fill in: {text}" for text in suggestion.to_fill_in]
+    lines += [printable(f"to fill in: {text}") for text in suggestion.to_fill_in]
     lines += [f"no column for: {text}" for text in suggestion.missing]
     return lines
