@@ -49,6 +49,16 @@ def test_a_slew_drive_of_several_turns_is_worth_a_look() -> None:
     assert not any("in degrees" in r.text for r in check_robot(within).remarks)
 
 
+@pytest.mark.parametrize("turn", [6.2832, 6.284, 6.3])
+def test_a_full_turn_that_was_rounded_up_is_not_in_degrees(turn: float) -> None:
+    robot = load_robot("xs031")
+    lift, tilt = robot.joints
+    slew = replace(tilt, lower=-turn, upper=turn)
+    free = replace(robot, cylinders=robot.cylinders[:1], valves=robot.valves[:1])
+    remarks = check_robot(replace(free, joints=(lift, slew))).remarks
+    assert not any("in degrees" in r.text for r in remarks)
+
+
 @pytest.mark.parametrize(
     ("factor", "said"),
     [(1e3, "mm are 3.7"), (1e2, "cm are 3.7"), (1.0 / 0.0254, "inches are 3.7")],

@@ -30,8 +30,9 @@ _FLOWS, _USUAL_FLOWS = (0.5, 2000.0), (1.0, 1000.0)
 #: A full stroke at full opening and the whole supply over one edge, s.
 _STROKE_S = (0.05, 120.0)
 
-#: A revolute joint with limits beyond a turn to either side, rad, has them in degrees.
-_TURN_RAD = 2.0 * np.pi
+#: A revolute joint with limits beyond a turn to either side, rad, has them in degrees. A turn that
+#: was rounded up, 6.2832 or 6.3, is one.
+_TURN_RAD = 1.01 * 2.0 * np.pi
 #: Length of an arm, m, and how many times its longest cylinder that is, beyond which one of the
 #: two is in another unit: long booms of concrete pumps have 60 m and some twenty times.
 _ARM_M, _REACHES = 20.0, 30.0
