@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -18,9 +19,11 @@ from hydro_ident.inspecting.health import find_irregularities
 from hydro_ident.inspecting.mistaken_pressures import mistaken_notes
 from hydro_ident.recordings.sources import sources_of
 from hydro_ident.report.verdict_words import health_line
+from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 
 ATMOSPHERE = 101325.0
+COUNT = 400
 PRESSURES = "/chamber_pressures"
 Changed = Callable[[np.ndarray], np.ndarray]
 
@@ -92,6 +95,41 @@ def test_what_alone_is_in_another_unit_is_told(found_in, columns, signal) -> Non
 )
 def test_a_machine_whose_pump_is_off_is_not_accused(found_in, change, columns, moves) -> None:
     assert found_in(change, columns, moves) == []
+
+
+@pytest.fixture
+def told_of(write_bag, run_columns, robot):
+    """What is said of units where pressures, Pa absolute by name, are all that was recorded."""
+
+    names = (f"bag{i}" for i in count())
+
+    def told(pressures: dict[str, np.ndarray], still: tuple[int, ...] = (), of: Robot = robot):
+        topics = run_columns(COUNT)
+        effort = np.column_stack(list(pressures.values()))
+        topics[PRESSURES] = (tuple(pressures), {"effort": effort})
+        for joint in still:
+            topics["/joint_states"][1]["position"][:, joint] = (0.8, -1.2)[joint]
+        recording = recording_of(read_bag(write_bag(topics, name=next(names))), of)
+        return [f for f in find_irregularities(recording) if f.kind == "unit"]
+
+    return told
+
+
+def swing(low: float, high: float, noise: float = 0.0, phase: float = 0.0) -> np.ndarray:
+    rng = np.random.default_rng(int(1e3 * phase))
+    share = 0.5 - 0.5 * np.cos(np.arange(COUNT) * 0.02 + phase)
+    return low + (high - low) * share + noise * rng.normal(size=COUNT)
+
+
+def chambers(low: float, high: float, sides: str = "ab", noise: float = 0.0):
+    names = [f"{axis}_cylinder/{side}" for axis in ("lift", "tilt") for side in sides]
+    return {name: swing(low, high, noise, 0.7 * i) for i, name in enumerate(names)}
+
+
+def test_a_thick_rod_makes_no_light_load_another_unit(told_of, robot) -> None:
+    thick = tuple(replace(c, rod_m=0.95 * c.bore_m) for c in robot.cylinders)
+    light = chambers(ATMOSPHERE + 5e4, ATMOSPHERE + 2e5)
+    assert told_of(light, of=replace(robot, cylinders=thick)) == []
 
 
 def test_inspect_asks_to_look_at_it(write_bag: Any, run_columns: Any, capsys: Any) -> None:

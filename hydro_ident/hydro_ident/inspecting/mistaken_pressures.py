@@ -25,6 +25,9 @@ _MOVES = 0.01
 #: Of a machine at rest what is below all that a reading in bar can be is told, of one that moves
 #: what is below all that one in kPa can be. A transducer's zero that is off reaches the latter.
 _AT_REST, _MOVING = UNITS["pressure"]["bar"], UNITS["pressure"]["kPa"]
+#: The most that such a reading is, as a share of the supply. Chambers may hold more, but by how
+#: much the rod says: a thick one would let any light load pass for another unit.
+_MOST = 1.5
 _FIELDS = ("q", "p_a", "p_b", "supply")
 
 
@@ -86,21 +89,21 @@ def mistaken_pressures(
     pair of str or None
         `pressures`, `chambers` or `supply`, and a sentence about them; None where nothing is odd.
     """
-    reach = pressure_reach_pa(robot)
-    if reach is None:
+    if pressure_reach_pa(robot) is None:
         return None
+    top_pa = _MOST * robot.supply_pressure_pa
     chambers, supply = _together(_chambers(robot, spans, dead)), _together(_supply(spans))
     moved = _moved(robot, spans)
     every = _together(seen for seen in (chambers, supply) if seen is not None)
     for name, seen in (("pressures", every), ("chambers", chambers), ("supply", supply)):
         if seen is None:
             continue
-        if seen.vacuum(robot, reach[1], bool(moved)):
+        if seen.vacuum(robot, top_pa, bool(moved)):
             number = seen.high + robot.atmospheric_pressure_pa
             where = f"at most {number:.4g} Pa absolute, nearly vacuum"
             return name, _text(robot, number, where)
         # An arm may sink while the pump is off: chambers hold its weight.
-        if moved and name != "supply" and seen.atmosphere(reach[1]):
+        if moved and name != "supply" and seen.atmosphere(top_pa):
             where = (
                 f"within {max(abs(seen.low), abs(seen.high)):.4g} Pa of the atmosphere although"
                 f" {moved} moved"
