@@ -126,6 +126,34 @@ def chambers(low: float, high: float, sides: str = "ab", noise: float = 0.0):
     return {name: swing(low, high, noise, 0.7 * i) for i, name in enumerate(names)}
 
 
+@pytest.mark.parametrize(("level", "noise"), [(1e5, 50.0), (1e5, 2e3)])
+def test_a_supply_alone_does_not_stand_for_all_pressures(told_of, level, noise) -> None:
+    assert told_of({"supply": swing(level, level, noise)}) == []
+
+
+def test_chambers_to_the_tank_are_not_accused(told_of) -> None:
+    tank = ATMOSPHERE + 4e4
+    pump = {"supply": swing(0.95e7, 1.05e7)}
+    # Of each cylinder one side was read, with the supply and without.
+    assert told_of({**chambers(ATMOSPHERE, tank, "b"), **pump}) == []
+    assert told_of(chambers(ATMOSPHERE + 2e3, ATMOSPHERE + 1e4, "b")) == []
+    # Both were, but the supply's reading shows the unit.
+    assert told_of({**chambers(ATMOSPHERE, ATMOSPHERE + 1e4), **pump}) == []
+
+
+def test_a_cylinder_with_both_sides_has_to_have_moved(told_of) -> None:
+    one = {f"lift_cylinder/{s}": swing(ATMOSPHERE + 2e3, ATMOSPHERE + 1e4) for s in "ab"}
+    assert told_of(one, still=(0,)) == []
+    [found] = told_of(one)
+    assert found.signal == "pressures"
+    assert "although lift moved" in found.text
+
+
+def test_noise_about_the_atmosphere_is_no_unit(told_of) -> None:
+    """Of a cylinder that something else moved: a number in kPa would be far below vacuum."""
+    assert told_of(chambers(ATMOSPHERE, ATMOSPHERE, noise=1e3)) == []
+
+
 def test_a_thick_rod_makes_no_light_load_another_unit(told_of, robot) -> None:
     thick = tuple(replace(c, rod_m=0.95 * c.bore_m) for c in robot.cylinders)
     light = chambers(ATMOSPHERE + 5e4, ATMOSPHERE + 2e5)

@@ -22,31 +22,52 @@ from hydro_model.robot import Robot
 CONTRACT = "the contract has Pa absolute"
 #: A joint that goes through this share of its range is moved by its cylinder.
 _MOVES = 0.01
-#: Of a machine at rest what is below all that a reading in bar can be is told, of one that moves
-#: what is below all that one in kPa can be. A transducer's zero that is off reaches the latter.
-_AT_REST, _MOVING = UNITS["pressure"]["bar"], UNITS["pressure"]["kPa"]
-#: The most that such a reading is, as a share of the supply. Chambers may hold more, but by how
-#: much the rod says: a thick one would let any light load pass for another unit.
+#: Units in which a machine's readings stay below all that a transducer's zero may be off by, and
+#: those in which they are so small that even a machine at rest shows none of it.
+_USUAL, _SMALL, _SMALLEST = ("bar", "kPa", "MPa", "psi"), ("bar", "MPa", "psi"), ("bar", "MPa")
+#: The most that a reading in kPa is taken to be, as a share of the supply. Chambers may hold more,
+#: but by how much the rod says: a thick one would let any light load pass for another unit.
 _MOST = 1.5
+#: A pump that runs makes the robot's supply pressure, but for this factor.
+_PUMP = 1.25
+#: What zeros that are off and noise make of an empty chamber, Pa gauge.
+_LOWEST_PA = -2e5
 _FIELDS = ("q", "p_a", "p_b", "supply")
 
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """Lowest and highest of some pressures, Pa gauge."""
+    """Lowest and highest of some pressures: Pa gauge, or numbers in no unit that is known."""
 
     low: float
     high: float
 
-    def vacuum(self, robot: Robot, top_pa: float, moved: bool) -> bool:
-        """Whether all are nearly vacuum and not just what an idle input reads; `top_pa`: most."""
-        absolute = self.high + robot.atmospheric_pressure_pa
-        most = top_pa / (_MOVING if moved else _AT_REST)
-        return 0.0 < absolute <= min(most, 0.5 * robot.atmospheric_pressure_pa)
+    def absolute(self, robot: Robot) -> _Seen:
+        """As recorded, from vacuum on."""
+        atmosphere_pa = robot.atmospheric_pressure_pa
+        return _Seen(self.low + atmosphere_pa, self.high + atmosphere_pa)
 
-    def atmosphere(self, top_pa: float) -> bool:
+    def with_other(self, other: _Seen) -> _Seen:
+        """Both together."""
+        return _Seen(min(self.low, other.low), max(self.high, other.high))
+
+    def vacuum(self, robot: Robot) -> bool:
+        """Whether all are nearly vacuum, and not just what an idle input reads."""
+        most = min(_most(robot), 0.5 * robot.atmospheric_pressure_pa)
+        return 0.0 < self.absolute(robot).high <= most
+
+    def atmosphere(self, robot: Robot) -> bool:
         """Whether none leaves the atmosphere by more than a number in kPa would."""
-        return max(abs(self.low), abs(self.high)) <= top_pa / _MOVING
+        return max(abs(self.low), abs(self.high)) <= _most(robot)
+
+    def taken(self, units: Iterable[str], least_pa: float, most_pa: float) -> list[str]:
+        """Units in which the highest is within bounds, and none far below vacuum."""
+        pa = {unit: UNITS["pressure"][unit] for unit in units}
+        return [
+            unit
+            for unit, factor in pa.items()
+            if least_pa <= self.high * factor <= most_pa and self.low * factor >= _LOWEST_PA
+        ]
 
 
 def spans_of(recording: Recording) -> dict[str, Spans]:
@@ -91,26 +112,16 @@ def mistaken_pressures(
     """
     if pressure_reach_pa(robot) is None:
         return None
-    top_pa = _MOST * robot.supply_pressure_pa
     chambers, supply = _together(_chambers(robot, spans, dead)), _together(_supply(spans))
-    moved = _moved(robot, spans)
-    every = _together(seen for seen in (chambers, supply) if seen is not None)
-    for name, seen in (("pressures", every), ("chambers", chambers), ("supply", supply)):
-        if seen is None:
-            continue
-        if seen.vacuum(robot, top_pa, bool(moved)):
-            number = seen.high + robot.atmospheric_pressure_pa
-            where = f"at most {number:.4g} Pa absolute, nearly vacuum"
-            return name, _text(robot, number, where)
-        # An arm may sink while the pump is off: chambers hold its weight.
-        if moved and name != "supply" and seen.atmosphere(top_pa):
-            where = (
-                f"within {max(abs(seen.low), abs(seen.high)):.4g} Pa of the atmosphere although"
-                f" {moved} moved"
-            )
-            text = _text(robot, seen.high, where)
-            return name, f"{text}; or something else than its oil moved the arm"
-    return None
+    found = None
+    if chambers is not None:
+        found = _all_small(robot, chambers, supply)
+        moved = _moved(robot, spans, dead)
+        if found is None and moved:
+            found = _moved_by_nothing(robot, chambers, supply, moved)
+    if found is None and supply is not None:
+        found = _of_supply(robot, supply, chambers)
+    return found
 
 
 def mistaken_notes(recordings: Iterable[Recording]) -> list[str]:
@@ -131,6 +142,65 @@ def mistaken_notes(recordings: Iterable[Recording]) -> list[str]:
         if found is not None:
             notes.append(f"{recording.path.name}: {found[0]}: {found[1]}")
     return notes
+
+
+def _most(robot: Robot) -> float:
+    """The most that a number in kPa is: of bar, MPa and psi all are less."""
+    return _MOST * robot.supply_pressure_pa / UNITS["pressure"]["kPa"]
+
+
+def _all_small(robot: Robot, chambers: _Seen, supply: _Seen | None) -> tuple[str, str] | None:
+    """Of supply and chambers that fit the robot's supply in another unit, moved or not."""
+    if supply is None:
+        return None
+    supply_pa, number = robot.supply_pressure_pa, supply.absolute(robot)
+    units = number.taken(_SMALLEST, supply_pa / _PUMP, _PUMP * supply_pa)
+    units = chambers.absolute(robot).taken(units, 0.0, _MOST * supply_pa)
+    every = chambers.with_other(supply)
+    return ("pressures", _of_vacuum(robot, every)) if units else None
+
+
+def _moved_by_nothing(
+    robot: Robot, chambers: _Seen, supply: _Seen | None, moved: str
+) -> tuple[str, str] | None:
+    """Of chambers that move an arm and never leave the atmosphere, or stand in a vacuum."""
+    reach = pressure_reach_pa(robot)
+    assert reach is not None
+    if supply is not None and supply.high >= reach[0]:
+        # The supply's reading shows what the unit is, so that zeros far off are the likelier.
+        pump_pa = _PUMP * robot.supply_pressure_pa
+        small = chambers.absolute(robot).taken(_SMALL, reach[0], pump_pa)
+        found = chambers.vacuum(robot) and small
+        return ("chambers", _of_vacuum(robot, chambers)) if found else None
+    for name, seen in _groups(chambers, supply):
+        if seen.vacuum(robot) and seen.absolute(robot).taken(_USUAL, *reach):
+            return name, _of_vacuum(robot, seen)
+        if seen.atmosphere(robot) and seen.taken(_USUAL, *reach):
+            where = (
+                f"within {max(abs(seen.low), abs(seen.high)):.4g} Pa of the atmosphere although"
+                f" {moved} moved"
+            )
+            text = _text(robot, seen.high, where)
+            return name, f"{text}; or something else than its oil moved the arm"
+    return None
+
+
+def _groups(chambers: _Seen, supply: _Seen | None) -> Iterator[tuple[str, _Seen]]:
+    """What may look odd together, and its name."""
+    if supply is None:
+        yield "pressures", chambers
+    else:
+        yield "pressures", chambers.with_other(supply)
+        yield "chambers", chambers
+
+
+def _of_supply(robot: Robot, supply: _Seen, chambers: _Seen | None) -> tuple[str, str] | None:
+    return ("supply", _of_vacuum(robot, supply)) if supply.vacuum(robot) else None
+
+
+def _of_vacuum(robot: Robot, seen: _Seen) -> str:
+    number = seen.absolute(robot).high
+    return _text(robot, number, f"at most {number:.4g} Pa absolute, nearly vacuum")
 
 
 def _text(robot: Robot, number: float, where: str) -> str:
@@ -163,11 +233,14 @@ def _together(every: Iterable[_Seen]) -> _Seen | None:
     return _Seen(min(seen.low for seen in known), max(seen.high for seen in known))
 
 
-def _moved(robot: Robot, spans: Mapping[str, Spans]) -> str:
-    """A joint that its cylinder moved; empty where none was."""
-    if "q" not in spans:
+def _moved(robot: Robot, spans: Mapping[str, Spans], dead: Collection[str]) -> str:
+    """A joint that a cylinder moved of which both sides are read; empty where none was."""
+    if not {"q", "p_a", "p_b"} <= spans.keys():
         return ""
-    for cylinder in robot.cylinders:
+    for i, cylinder in enumerate(robot.cylinders):
+        names = {f"{cylinder.name}/{side}" for side in "ab"}
+        if names & set(dead) or not (spans["p_a"].finite[i] and spans["p_b"].finite[i]):
+            continue
         joint = robot.joint_index(cylinder.joint)
         lower, upper = limits(robot)[joint]
         if spans["q"].high[joint] - spans["q"].low[joint] > _MOVES * float(upper - lower):
