@@ -126,9 +126,31 @@ def chambers(low: float, high: float, sides: str = "ab", noise: float = 0.0):
     return {name: swing(low, high, noise, 0.7 * i) for i, name in enumerate(names)}
 
 
-@pytest.mark.parametrize(("level", "noise"), [(1e5, 50.0), (1e5, 2e3)])
+@pytest.mark.parametrize(
+    ("level", "noise"), [(300.0, 10.0), (300.0, 300.0), (5e3, 50.0), (2e4, 300.0), (2e4, 5e3)]
+)
+@pytest.mark.parametrize("still", [(), (0, 1)])
+def test_a_supply_that_reads_nothing_is_no_unit(told_of, level, noise, still) -> None:
+    supply = {"supply": swing(level, level, noise)}
+    assert told_of({**chambers(1e6, 5e6), **supply}, still) == []
+
+
+@pytest.mark.parametrize(
+    ("level", "noise"), [(300.0, 10.0), (2e4, 300.0), (1e5, 50.0), (1e5, 2e3)]
+)
 def test_a_supply_alone_does_not_stand_for_all_pressures(told_of, level, noise) -> None:
     assert told_of({"supply": swing(level, level, noise)}) == []
+
+
+def test_a_supply_that_stands_still_or_that_chambers_contradict_is_no_unit(told_of) -> None:
+    assert told_of({**chambers(1e6, 5e6), "supply": np.full(COUNT, 190.0)}) == []
+    # Chambers hold nothing: the pump is off.
+    idle = chambers(ATMOSPHERE, ATMOSPHERE + 2e4)
+    assert told_of({**idle, "supply": swing(180.0, 195.0)}, still=(0, 1)) == []
+    # They hold far more than the pump would make.
+    assert told_of({**chambers(1e6, 4e7), "supply": swing(180.0, 195.0)}) == []
+    [found] = told_of({**chambers(1e6, 5e6), "supply": swing(180.0, 195.0)})
+    assert found.signal == "supply"
 
 
 def test_chambers_to_the_tank_are_not_accused(told_of) -> None:

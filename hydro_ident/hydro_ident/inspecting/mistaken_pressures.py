@@ -30,6 +30,8 @@ _USUAL, _SMALL, _SMALLEST = ("bar", "kPa", "MPa", "psi"), ("bar", "MPa", "psi"),
 _MOST = 1.5
 #: A pump that runs makes the robot's supply pressure, but for this factor.
 _PUMP = 1.25
+#: By what share its pressure varies at least over a recording, and at most.
+_RIPPLES = (1e-3, 0.5)
 #: What zeros that are off and noise make of an empty chamber, Pa gauge.
 _LOWEST_PA = -2e5
 _FIELDS = ("q", "p_a", "p_b", "supply")
@@ -195,7 +197,21 @@ def _groups(chambers: _Seen, supply: _Seen | None) -> Iterator[tuple[str, _Seen]
 
 
 def _of_supply(robot: Robot, supply: _Seen, chambers: _Seen | None) -> tuple[str, str] | None:
-    return ("supply", _of_vacuum(robot, supply)) if supply.vacuum(robot) else None
+    """Of a supply that varies as a pump's would, and of no chamber that says otherwise.
+
+    One that is not connected, or off by much, reads anything: in kPa it is not told from that.
+    """
+    supply_pa, number = robot.supply_pressure_pa, supply.absolute(robot)
+    units = number.taken(_SMALL, supply_pa / _PUMP, _PUMP * supply_pa)
+    ripple = 1.0 - number.low / number.high if number.high > 0.0 else 0.0
+    if not units or not _RIPPLES[0] <= ripple <= _RIPPLES[1]:
+        return None
+    if chambers is not None:
+        reach = pressure_reach_pa(robot)
+        most_pa = _MOST * number.high * max(UNITS["pressure"][unit] for unit in units)
+        if reach is None or not reach[0] <= chambers.high <= most_pa:
+            return None
+    return "supply", _of_vacuum(robot, supply)
 
 
 def _of_vacuum(robot: Robot, seen: _Seen) -> str:
