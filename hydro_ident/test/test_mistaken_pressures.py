@@ -144,6 +144,8 @@ def test_a_supply_alone_does_not_stand_for_all_pressures(told_of, level, noise) 
 
 def test_a_supply_that_stands_still_or_that_chambers_contradict_is_no_unit(told_of) -> None:
     assert told_of({**chambers(1e6, 5e6), "supply": np.full(COUNT, 190.0)}) == []
+    # It wanders, as an open input's noise does.
+    assert told_of({**chambers(1e6, 5e6), "supply": swing(60.0, 195.0)}) == []
     # Chambers hold nothing: the pump is off.
     idle = chambers(ATMOSPHERE, ATMOSPHERE + 2e4)
     assert told_of({**idle, "supply": swing(180.0, 195.0)}, still=(0, 1)) == []
@@ -161,6 +163,22 @@ def test_chambers_to_the_tank_are_not_accused(told_of) -> None:
     assert told_of(chambers(ATMOSPHERE + 2e3, ATMOSPHERE + 1e4, "b")) == []
     # Both were, but the supply's reading shows the unit.
     assert told_of({**chambers(ATMOSPHERE, ATMOSPHERE + 1e4), **pump}) == []
+
+
+def test_zeros_that_are_off_are_no_unit_where_something_shows_it(told_of) -> None:
+    """Recorded as gauge: a supply of 2.7 kPa at rest, chambers of 3 to 10 kPa beside a pump."""
+    idle = {**chambers(500.0, 2e3), "supply": swing(2.7e3, 2.8e3)}
+    assert told_of(idle, still=(0, 1)) == []
+    pump = {"supply": swing(0.95e7, 1.05e7)}
+    assert told_of({**chambers(3e3, 1e4), **pump}) == []
+
+
+def test_a_dead_chamber_is_not_a_side_that_was_read(crane_run: Any) -> None:
+    run = crane_run.recording("run")
+    kpa = replace(run, p_a=run.p_a / 1e3, p_b=run.p_b / 1e3, supply=None)
+    assert len(mistaken_notes([kpa])) == 1
+    dead = {"lift_cylinder/a": 0.0, "tilt_cylinder/b": 0.0}
+    assert mistaken_notes([replace(kpa, dead=dead)]) == []
 
 
 def test_a_cylinder_with_both_sides_has_to_have_moved(told_of) -> None:

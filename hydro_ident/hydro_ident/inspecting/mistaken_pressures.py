@@ -1,7 +1,8 @@
 """Pressures of a recording that look like another unit than Pa: bar, kPa, MPa or psi.
 
 A pump that is off leaves pressures near the atmosphere, and nothing is said of it. What no machine
-does is to stand in a vacuum, or to move its arm by oil that never leaves the atmosphere.
+does is to stand in a vacuum, or to move its arm by oil that never leaves the atmosphere. A
+transducer that is not connected reads anything: it accuses nothing but where numbers fit a pump.
 """
 
 from __future__ import annotations
