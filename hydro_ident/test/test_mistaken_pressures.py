@@ -127,7 +127,8 @@ def chambers(low: float, high: float, sides: str = "ab", noise: float = 0.0):
 
 
 @pytest.mark.parametrize(
-    ("level", "noise"), [(300.0, 10.0), (300.0, 300.0), (5e3, 50.0), (2e4, 300.0), (2e4, 5e3)]
+    ("level", "noise"),
+    [(300.0, 10.0), (300.0, 300.0), (2.5e3, 30.0), (5e3, 50.0), (2e4, 300.0), (2e4, 5e3)],
 )
 @pytest.mark.parametrize("still", [(), (0, 1)])
 def test_a_supply_that_reads_nothing_is_no_unit(told_of, level, noise, still) -> None:

@@ -200,10 +200,10 @@ def _groups(chambers: _Seen, supply: _Seen | None) -> Iterator[tuple[str, _Seen]
 def _of_supply(robot: Robot, supply: _Seen, chambers: _Seen | None) -> tuple[str, str] | None:
     """Of a supply that varies as a pump's would, and of no chamber that says otherwise.
 
-    One that is not connected, or off by much, reads anything: in kPa it is not told from that.
+    One that is not connected, or off by much, reads anything: kPa and psi are not told from that.
     """
     supply_pa, number = robot.supply_pressure_pa, supply.absolute(robot)
-    units = number.taken(_SMALL, supply_pa / _PUMP, _PUMP * supply_pa)
+    units = number.taken(_SMALLEST, supply_pa / _PUMP, _PUMP * supply_pa)
     ripple = 1.0 - number.low / number.high if number.high > 0.0 else 0.0
     if not units or not _RIPPLES[0] <= ripple <= _RIPPLES[1]:
         return None
