@@ -232,6 +232,7 @@ def test_a_soak_counts_every_cycle_and_watches_every_process() -> None:
     assert "p99.9" in said
 
 
+@pytest.mark.thorough
 @pytest.mark.ros
 def test_a_trip_is_cleared_and_counted() -> None:
     """A controller that stands still for a while: 0 V until cleared, then answers again."""

@@ -202,6 +202,7 @@ def test_held_out_errors_of_a_finding_say_of_what_they_are(bristling: Diagnosis)
     assert lines[head + 1].startswith("  lift/force     RMSE")
 
 
+@pytest.mark.thorough
 def test_a_finding_whose_channel_the_held_out_rows_do_not_measure_has_no_held_out_error(
     bristling: Diagnosis,
 ) -> None:

@@ -20,11 +20,11 @@ import numpy as np
 
 from hydro_ident.estimate.forces.force_rows import ForceModel, pressed_joints
 from hydro_ident.estimate.forces.inertial import InertialFit
-from hydro_ident.estimate.statistics.blocks import Blocks, blocks_of, unit_columns
+from hydro_ident.estimate.statistics.blocks import Blocks, blocks_of
 from hydro_ident.estimate.statistics.moments import Moments
-from hydro_ident.estimate.statistics.regression import plain_parameters, recording_weights
+from hydro_ident.estimate.statistics.regression import plain_parameters
 from hydro_ident.estimate.statistics.rows import Rows
-from hydro_ident.estimate.statistics.solution import MOST_DOF
+from hydro_ident.estimate.statistics.solution import MOST_DOF, levels
 from hydro_model.arrays import IndexArray
 from hydro_model.robot import FloatArray
 
@@ -86,7 +86,7 @@ def _moved(blocks: Blocks, theta: FloatArray, free: IndexArray, count: int) -> F
     shift[: theta.size] = theta
     shift[free] = 0.0
     part = blocks.held(free, shift)
-    weight = recording_weights(unit_columns(part)[0])
+    weight = 1.0 / levels(part, theta[free]) ** 2
     forces = range(blocks.x.shape[3] - count, blocks.x.shape[3])
     return np.stack(
         [plain_parameters(replace(part, y=blocks.x[..., k]), weight) for k in forces], axis=1

@@ -29,7 +29,6 @@ __all__ = [
     "instrumental_parameters",
     "misfit",
     "plain_parameters",
-    "recording_weights",
     "solve_iv",
     "solve_ols",
     "solve_wls",
@@ -46,7 +45,7 @@ _WEAK = 1.0e-5
 
 
 def solve_wls(blocks: Blocks, excess: float = 0.0) -> Solution:
-    """Every channel of every recording weighted by its residual (`recording_weights`).
+    """Every channel of every recording weighted by its residual (`_recording_weights`).
 
     Parameters
     ----------
@@ -59,7 +58,7 @@ def solve_wls(blocks: Blocks, excess: float = 0.0) -> Solution:
     Solution
     """
     unit, norms = unit_columns(blocks)
-    estimator = _least_squares(unit, recording_weights(unit))
+    estimator = _least_squares(unit, _recording_weights(unit, _least_squares))
     return _scaled(with_noise(unit, replace(estimator, excess=excess), unit.far), norms)
 
 
@@ -90,11 +89,11 @@ def solve_iv(blocks: Blocks, excess: float = 0.0) -> Solution:
     unit, norms = unit_columns(blocks)
     if unit.z is None or unit.far_z is None:
         raise IdentError("no instruments: expected recorded joint references")
-    estimator = _instrumental(unit, recording_weights(unit, _instrumental))
+    estimator = _instrumental(unit, _recording_weights(unit, _instrumental))
     return _scaled(with_noise(unit, replace(estimator, excess=excess), unit.far_z), norms)
 
 
-def recording_weights(unit: Blocks, solve: _Solve | None = None) -> FloatArray:
+def _recording_weights(unit: Blocks, solve: _Solve) -> FloatArray:
     """Weights by residuals, (G,): of channels as they settle, of recordings once.
 
     Weights by each recording's own residual feed on themselves as soon as physics is left out: the
@@ -102,14 +101,7 @@ def recording_weights(unit: Blocks, solve: _Solve | None = None) -> FloatArray:
     loads at the tip), and one at rest, which shows hardly any of it, takes all. So a recording is
     weighed by what is left of it where all of its channel and rate count alike: a noisier one
     counts less, and none decides alone.
-
-    Parameters
-    ----------
-    unit : Blocks
-    solve : callable, optional
-        Of an estimate under given weights; least squares by default.
     """
-    solve = solve or _least_squares
     theta = _least_squares(unit, np.ones(len(unit.labels))).theta
     for _ in range(_WEIGHT_PASSES - 1):
         theta = solve(unit, 1.0 / pooled_levels(unit, theta) ** 2).theta
