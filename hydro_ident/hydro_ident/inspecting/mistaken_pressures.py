@@ -14,7 +14,7 @@ import numpy as np
 
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.running import Spans
-from hydro_ident.logs.plausible import pressure_reach_pa, pressure_units
+from hydro_ident.logs.plausible import USUAL_UNITS, pressure_reach_pa, pressure_units
 from hydro_ident.logs.units import UNITS
 from hydro_model.multibody.joint_ranges import limits
 from hydro_model.robot import Robot
@@ -23,9 +23,9 @@ from hydro_model.robot import Robot
 CONTRACT = "the contract has Pa absolute"
 #: A joint that goes through this share of its range is moved by its cylinder.
 _MOVES = 0.01
-#: Units in which a machine's readings stay below all that a transducer's zero may be off by, and
-#: those in which they are so small that even a machine at rest shows none of it.
-_USUAL, _SMALL, _SMALLEST = ("bar", "kPa", "MPa", "psi"), ("bar", "MPa", "psi"), ("bar", "MPa")
+#: Of `USUAL_UNITS` those in which readings are so small that even a machine at rest shows none of
+#: it, and those of them that a transducer which is not connected does not pass for.
+_SMALL, _SMALLEST = ("bar", "MPa", "psi"), ("bar", "MPa")
 #: The most that a reading in kPa is taken to be, as a share of the supply. Chambers may hold more,
 #: but by how much the rod says: a thick one would let any light load pass for another unit.
 _MOST = 1.5
@@ -168,7 +168,8 @@ def _moved_by_nothing(
 ) -> tuple[str, str] | None:
     """Of chambers that move an arm and never leave the atmosphere, or stand in a vacuum."""
     reach = pressure_reach_pa(robot)
-    assert reach is not None
+    if reach is None:
+        return None
     if supply is not None and supply.high >= reach[0]:
         # The supply's reading shows what the unit is, so that zeros far off are the likelier.
         pump_pa = _PUMP * robot.supply_pressure_pa
@@ -176,9 +177,9 @@ def _moved_by_nothing(
         found = chambers.vacuum(robot) and small
         return ("chambers", _of_vacuum(robot, chambers)) if found else None
     for name, seen in _groups(chambers, supply):
-        if seen.vacuum(robot) and seen.absolute(robot).taken(_USUAL, *reach):
+        if seen.vacuum(robot) and seen.absolute(robot).taken(USUAL_UNITS, *reach):
             return name, _of_vacuum(robot, seen)
-        if seen.atmosphere(robot) and seen.taken(_USUAL, *reach):
+        if seen.atmosphere(robot) and seen.taken(USUAL_UNITS, *reach):
             where = (
                 f"within {max(abs(seen.low), abs(seen.high)):.4g} Pa of the atmosphere although"
                 f" {moved} moved"

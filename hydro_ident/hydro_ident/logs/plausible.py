@@ -23,7 +23,7 @@ _PRESSURE_UNDER, _PRESSURE_OVER = 0.15, 2.0
 _SIGNAL_UNDER, _SIGNAL_OVER = 0.01, 1.5
 _BAR = 1e5
 #: What a reading of pressure that is not in Pa is usually in; others are like bar.
-_USUAL = ("bar", "kPa", "MPa", "psi")
+USUAL_UNITS = ("bar", "kPa", "MPa", "psi")
 #: Below it a cylinder has no rod side: a plunger.
 _SMALLEST_M2 = 1e-9
 
@@ -96,8 +96,8 @@ def pressure_units(robot: Robot, largest: float) -> list[str]:
     reach = pressure_reach_pa(robot)
     if reach is None or largest <= 0.0:
         return []
-    pa = {unit: largest * UNITS["pressure"][unit] for unit in _USUAL}
-    fitting = [unit for unit in _USUAL if reach[0] <= pa[unit] <= reach[1]]
+    pa = {unit: largest * UNITS["pressure"][unit] for unit in USUAL_UNITS}
+    fitting = [unit for unit in USUAL_UNITS if reach[0] <= pa[unit] <= reach[1]]
     return sorted(fitting, key=lambda unit: abs(np.log(pa[unit] / robot.supply_pressure_pa)))
 
 
