@@ -23,7 +23,7 @@ from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.figure import unit_text
 from hydro_ident.report.found_words import as_share, corners, law_in_model, not_shown
 from hydro_ident.report.page import Verdict, also, number, percent
-from hydro_ident.report.unnamed_words import in_words
+from hydro_ident.report.unnamed_words import in_words, taken_out_lines
 from hydro_ident.report.verdict_words import (
     DRIVE,
     NEAR_NOISE,
@@ -177,9 +177,9 @@ def _size(data: dict[str, Any]) -> str:
 def _left_out(found: Diagnosis) -> list[str]:
     if found.verdict == NOT_ENOUGH:
         return ["Not known."]
-    lines = _causes(found)
+    lines = _causes(found) + taken_out_lines(found)
     units = {channel.name: channel.unit for channel in found.channels}
-    for one in found.unexplained:
+    for one in (u for u in found.unexplained if u.taken_out is None):
         words = ChannelWords(found.given, one.channel)
         lines.append(in_words(one, units.get(one.channel, ""), words))
     if found.rejected:
@@ -265,8 +265,12 @@ def _next(found: Diagnosis) -> list[str]:
     if found.verdict == NOT_ENOUGH:
         return [f"{text[0].upper()}{text[1:]}." for text in found.problems]
     lines = _experiments(found)
-    if found.unexplained:
-        where = [u.channel for u in found.unexplained]
+    if any(u.taken_out is not None for u in found.unexplained):
+        lines.append(
+            "Mount the sensor on its centre, or correct what it reads by `off_centre` of"
+            " result.json: whoever drives by it is off by as much."
+        )
+    if where := [u.channel for u in found.unexplained if u.taken_out is None]:
         lines.append(
             f"Look at {shortened(where)} under 'Residuals against what matters': what is it that"
             " follows this variable? Do not trust the model there."

@@ -15,9 +15,11 @@ from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.locating.dependence import Dependence, alone, beyond_base, values_of
 from hydro_ident.mismatch.locating.lines import waves
 from hydro_ident.mismatch.rows.channel_words import ChannelWords
+from hydro_ident.mismatch.rows.off_centre import term_of
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
 from hydro_ident.mismatch.rows.state_space import SIGNALS, factors_of, row_values
 from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.unnamed.unknown import Unexplained
 from hydro_ident.report.channel_rows import ChannelRows, channel_rows, joint_speed
 from hydro_ident.report.figure import Axis
 from hydro_ident.report.law_section import LawView
@@ -71,7 +73,9 @@ def law_views(found: Diagnosis) -> list[LawView]:
         return []
     views = [_finding_view(found, found.work, one) for one in found.findings]
     views += [
-        _dependence_view(found.work.training, found.whole, one.dependence, told(one.text))
+        _off_centre_view(found.work, found.whole, one)
+        if one.taken_out
+        else _dependence_view(found.work.training, found.whole, one.dependence, told(one.text))
         for one in found.unexplained
     ]
     if views:
@@ -156,6 +160,31 @@ def _dependence_view(training: Training, fitted: Fitted, d: Dependence, text: st
         law=law,
         left=residual - law,
         legend="fitted curve",
+    )
+
+
+def _off_centre_view(work: Residuals, whole: Fitted, one: Unexplained) -> LawView:
+    """What a position sensor's error had made of a channel, and what is left without it."""
+    predictor, robot = work.training.predictor, work.robot
+    material, channel = predictor.material, one.dependence.channel
+    own = work.training.mask & (material.channel == channel)
+    law = np.zeros(material.size)
+    for error in (e for e in work.off if e.joint == material.joint_of(channel)):
+        # Undone with the opposite sign it is back in recordings that are free of it.
+        back = replace(error, sine=-error.sine, cosine=-error.cosine)
+        law -= predictor.contribution(whole.model, term_of(robot, back))
+    left, words = whole.residual[own], ChannelWords(robot, one.channel)
+    return LawView(
+        title=f"{one.channel} against {words.prose('joint_angle')}",
+        note=told(one.text),
+        joint=one.channel.split("/")[0],
+        x_axis=Axis(words.prose("joint_angle"), words.unit("joint_angle")),
+        y_axis=Axis(f"{one.channel}, error", material.units[channel]),
+        x=row_values(predictor, whole.model, channel, "joint_angle")[own],
+        residual=left + law[own],
+        law=law[own],
+        left=left,
+        legend="the sensor's error",
     )
 
 

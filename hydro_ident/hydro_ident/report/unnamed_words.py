@@ -133,6 +133,29 @@ def _size(one: Unexplained, unit: str) -> str:
     return f"{text} ({beside})" if beside else text
 
 
+def taken_out_lines(found: Diagnosis) -> list[str]:
+    """What was taken out of the recordings, and what that leaves of the channels it was seen in.
+
+    Parameters
+    ----------
+    found : Diagnosis
+    """
+    units = {channel.name: channel.unit for channel in found.channels}
+    channels: dict[str, list[str]] = {}
+    for one in found.unexplained:
+        if one.taken_out is None:
+            continue
+        unit, size = units.get(one.channel, ""), (one.taken_out.before, one.taken_out.after)
+        left = f" ({number(size[0], 3)} → {number(size[1], 3)} {unit_text(unit)})" if unit else ""
+        channels.setdefault(told(one.taken_out.text), []).append(f"{one.channel}{left}")
+    return [
+        f"{text[0].upper()}{text[1:]}, which explains what has no name in {', '.join(where)}, on"
+        " held-out rows with it and without. It is taken out of the recordings for all else, and"
+        " is not in the model."
+        for text, where in channels.items()
+    ]
+
+
 def unnamed_part(found: Diagnosis) -> str:
     """What has no name: each with its numbers and formulas; empty where there is none.
 

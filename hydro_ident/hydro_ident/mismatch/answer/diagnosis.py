@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from hydro_ident.bag.recording import Recording
 from hydro_ident.errors import IdentError, NotEnoughDataError
@@ -28,6 +29,7 @@ from hydro_ident.mismatch.answer.notes import (
     silent_notes,
     unverified_notes,
 )
+from hydro_ident.mismatch.answer.off_centre import off_notes, without_off_centre
 from hydro_ident.mismatch.answer.outcome import (
     EXPLAINED,
     MATCHES,
@@ -47,9 +49,8 @@ from hydro_ident.mismatch.locating.locate import dependences
 from hydro_ident.mismatch.modelling.model import Modelled, robot_of
 from hydro_ident.mismatch.modelling.refinement import Refinement, refine
 from hydro_ident.mismatch.naming.instants import at_own_instants, begun
-from hydro_ident.mismatch.settings import (
-    DiagnosisSettings,
-)
+from hydro_ident.mismatch.rows.off_centre import OffCentre
+from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.split.listed_friction import bristle_notes
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
 from hydro_ident.mismatch.trials.exclusion import shut_out
@@ -102,8 +103,9 @@ def diagnose(
     recordings = recording_summaries(surveys, len(sources))
     wrong = wrong_robot(robot, [s.recording for s in surveys])
     advance("fitting the structure", 1, STAGES)
+    lay = partial(residuals, robot, sources, others, surveys, settings)
     try:
-        work = None if wrong else residuals(robot, sources, others, surveys, settings)
+        work = None if wrong else lay()
     except NotEnoughDataError as error:
         work, wrong = None, [str(error)]
     if work is None:
@@ -117,7 +119,7 @@ def diagnose(
             recordings=recordings,
             notes=recorded_notes(surveys),
         )
-    return replace(_diagnosed(work, settings, losses), recordings=recordings)
+    return replace(_diagnosed(work, lay, settings, losses), recordings=recordings)
 
 
 def _too_little(robot: Robot, surveys: Sequence[Survey]) -> str:
@@ -137,12 +139,15 @@ def _too_little(robot: Robot, surveys: Sequence[Survey]) -> str:
 
 
 def _diagnosed(
-    work: Residuals, settings: DiagnosisSettings, losses: tuple[BagLoss, ...]
+    work: Residuals,
+    lay: Callable[[Sequence[OffCentre]], Residuals | None],
+    settings: DiagnosisSettings,
+    losses: tuple[BagLoss, ...],
 ) -> Diagnosis:
     advance("looking where residuals depend on something", 2, STAGES)
     base = base_to_search(work)
     located = dependences(work.scan, base)
-    answer = answered(work, base)
+    answer = without_off_centre(answered(work, base), lay)
     work, search, rejected, taken = answer.work, answer.search, answer.rejected, answer.taken
     whole, before, modelled, refined = _modelled(answer, settings)
     advance("rolling the models out", 6, STAGES)
@@ -152,7 +157,7 @@ def _diagnosed(
     channels = channels_of(work, whole, work.check)
     findings, hardly = parted_hardly(work, findings, channels)
     unknown, small = parted_unknown(answer.unknown, channels)
-    notes = [*data_notes(work), *modelled.notes, *run.rejected]
+    notes = [*data_notes(work), *off_notes(work), *modelled.notes, *run.rejected]
     notes += rail_notes(work.robot, constants) + minor_notes(work.robot, minor, whole.deviations)
     notes += hardly_notes(hardly)
     notes += [refined.note] if refined is not None else []

@@ -19,6 +19,7 @@ from hydro_ident.mismatch.fitting.weighed import Weighed
 from hydro_ident.mismatch.locating.dependence import Dependence
 from hydro_ident.mismatch.modelling.refinement import Refinement
 from hydro_ident.mismatch.rows.modelled import same
+from hydro_ident.mismatch.rows.off_centre import OffCentre
 from hydro_ident.mismatch.rows.onset import idle_edges
 from hydro_ident.mismatch.settings import FORM_TOLERANCE
 from hydro_ident.mismatch.trials.contender import Contender, shape_at_an_end
@@ -52,10 +53,10 @@ def result_dict(found: Diagnosis, origin: Provenance) -> dict[str, Any]:
     Returns
     -------
     dict
-        The contract's keys; `training` (scores on the rows fitted), `recordings`, `located`,
-        `rejected`, `losses`, `free_run`, `problems`, `notes` and `provenance` are added, where it
-        was asked for `refinement`, and to every finding what verified it and its parameters'
-        `covariance`.
+        The contract's keys; `off_centre` (errors of position sensors that were taken out of the
+        recordings), `training` (scores on the rows fitted), `recordings`, `located`, `rejected`,
+        `losses`, `free_run`, `problems`, `notes` and `provenance` are added, where it was asked
+        for `refinement`, and to every finding what verified it and its parameters' `covariance`.
     """
     return {
         "schema": SCHEMA,
@@ -66,6 +67,7 @@ def result_dict(found: Diagnosis, origin: Provenance) -> dict[str, Any]:
         "recordings": [one.as_dict() for one in found.recordings],
         "findings": [finding_dict(found, one) for one in found.findings],
         "unexplained": [unexplained_dict(one) for one in found.unexplained],
+        "off_centre": [] if found.work is None else [_off_dict(found, e) for e in found.work.off],
         "not_testable": [{"name": n.name, "why": n.why} for n in found.not_testable],
         "located": [_located_dict(d) for d in found.located[:_LOCATED]],
         "rejected": [
@@ -294,6 +296,20 @@ def refinement_dict(one: Refinement) -> dict[str, Any]:
             }
             for p in one.parameters
         ],
+    }
+
+
+def _off_dict(found: Diagnosis, one: OffCentre) -> dict[str, Any]:
+    """The error of a position sensor, by the equation of `mismatch.rows.off_centre`."""
+    joint = found.given.joints[one.joint]
+    return {
+        "joint": joint.name,
+        "sine": one.sine,
+        "cosine": one.cosine,
+        "period": one.period,
+        "amplitude": one.amplitude,
+        "std": one.std,
+        "unit": "m" if joint.prismatic else "rad",
     }
 
 

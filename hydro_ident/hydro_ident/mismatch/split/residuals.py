@@ -38,6 +38,7 @@ from hydro_ident.mismatch.fitting.training import Training, start_model
 from hydro_ident.mismatch.rows.choices import Choices, choices_of
 from hydro_ident.mismatch.rows.laying import material_of
 from hydro_ident.mismatch.rows.material import Material
+from hydro_ident.mismatch.rows.off_centre import OffCentre, without_errors
 from hydro_ident.mismatch.rows.prediction import Predictor
 from hydro_ident.mismatch.rows.telling import telling
 from hydro_ident.mismatch.rows.whole import read_whole
@@ -88,6 +89,8 @@ class Residuals:
         What effects would look like in the rows of `scan`.
     processes : int
         How many fits may go on side by side.
+    off : tuple of OffCentre
+        Errors of position sensors that were taken out of all recordings.
     """
 
     robot: Robot
@@ -101,6 +104,7 @@ class Residuals:
     notes: tuple[str, ...]
     bank: Bank
     processes: int = 1
+    off: tuple[OffCentre, ...] = ()
 
     def noise_floors(self, traces: Sequence[Trace] | None = None) -> dict[str, float]:
         """What the sensors' noise alone leaves, by channel.
@@ -150,6 +154,7 @@ def residuals(
     others: Sequence[Source],
     surveys: Sequence[Survey],
     settings: DiagnosisSettings,
+    off: Sequence[OffCentre] = (),
 ) -> Residuals | None:
     """Lay out rows and refit the base.
 
@@ -161,6 +166,8 @@ def residuals(
     surveys : sequence of Survey
         Of the sources, then of the others.
     settings : DiagnosisSettings
+    off : sequence of OffCentre
+        Errors of position sensors, which are taken out of all recordings.
 
     Returns
     -------
@@ -182,6 +189,7 @@ def residuals(
     whole, recorded, cleaned = read_whole(sources, others, cleaner)
     if not whole:
         return None
+    whole, recorded = (without_errors(robot, one, off) for one in (whole, recorded))
     traces, looked_at = (spread_parts(whole, s) for s in (settings.longest_s, LONGEST_SCAN_S))
     choices = choices_of(forces, signals, whole, recorded)
     every = 0 if others else settings.hold_out_every
@@ -213,7 +221,7 @@ def residuals(
         notes += hardly_held(material, fit_rows, check_rows) if every else ()
         check = held_back(training, check_rows, moving)
     found = robot, training, base, scan, check, traces, split, signals, notes
-    return Residuals(*found, Bank(scan.predictor), settings.processes)
+    return Residuals(*found, Bank(scan.predictor), settings.processes, tuple(off))
 
 
 def _searched(

@@ -40,9 +40,27 @@ _WORDS = {
 _REPEATS = 5.0
 #: Share of a drift that may seem to repeat over a place.
 _DRIFT_REPEATS = 0.5
-_HINT = "; a position sensor off its centre, whose error repeats, acts so"
+#: What is said of what repeats as a reading's error does.
+HINT = "; a position sensor off its centre, whose error repeats, acts so"
 #: Variables that a factor is of, where it is one.
 _OF_VELOCITY = ("direction", "velocity", "velocity_squared")
+
+
+@dataclass(frozen=True, slots=True)
+class TakenOut:
+    """What explains a dependence though no model has it.
+
+    Attributes
+    ----------
+    text : str
+    before, after : float
+        Root mean square of what is left on held-out rows with it in the recordings and without
+        it, in the channel's unit; NaN where no such row has the channel.
+    """
+
+    text: str
+    before: float
+    after: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +84,8 @@ class Unexplained:
         It is there on rows that took no part, too; else these could not say.
     size : float
         Rms of the dependence, in the channel's unit; infinite where none says how large.
+    taken_out : TakenOut or None
+        What it comes from, where that is taken out of the recordings.
     """
 
     channel: str
@@ -77,6 +97,7 @@ class Unexplained:
     form: Form | None = None
     confirmed: bool = False
     size: float = math.inf
+    taken_out: TakenOut | None = None
 
 
 def wanders(one: Dependence, longest_s: float) -> bool:
@@ -146,7 +167,7 @@ def unexplained(
         text = (
             f"{one.share:.0%} of what is left in {name} follows {_what(words, one)}"
             f" ({one.size:.3g} {unit} rms, {_shape(words, one)}); no effect of the"
-            f" catalogue stands for it{_HINT if one.period and one.times in OF_READINGS else ''}"
+            f" catalogue stands for it{HINT if one.period and one.times in OF_READINGS else ''}"
         )
         on = (one.variable, *(("piston_velocity",) if one.times in _OF_VELOCITY else ()))
         result[one.channel] = Unexplained(

@@ -103,8 +103,8 @@ class Effect:
         The robot that has the effect.
     reading : callable or None
         What the sensors show.
-    inverse : callable or None
-        Parameters of the reading that undoes it; None: those of the opposite sign.
+    undo : callable or None
+        What the sensors would show without its `reading`; None: that of the opposite sign.
     start : str
         Name of the parameter that is the time from which the `change` holds, in seconds on the
         recording's time axis; empty where it always does.
@@ -151,7 +151,7 @@ class Effect:
     acts_on: str = "cylinder"
     change: RobotChange | None = None
     reading: ReadingChange | None = None
-    inverse: Callable[[FloatArray], FloatArray] | None = None
+    undo: ReadingChange | None = None
     start: str = ""
     duration: str = ""
     end: str = ""
@@ -187,8 +187,9 @@ class Effect:
         """
         if self.reading is None:
             return seen
-        back = -parameters if self.inverse is None else self.inverse(parameters)
-        return self.reading(seen, index, back)
+        if self.undo is not None:
+            return self.undo(seen, index, parameters)
+        return self.reading(seen, index, -parameters)
 
     @property
     def edges(self) -> tuple[str, ...]:

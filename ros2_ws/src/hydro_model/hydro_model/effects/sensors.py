@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.law import ParameterSpec
 from hydro_model.effects.readings import EVERY_CHAMBER, Readings, delayed
@@ -28,8 +26,8 @@ def _stretched(r: Readings, index: int, p: FloatArray) -> Readings:
     return r.with_pressure(index, r.pressure(index) * (1.0 + p[0]))
 
 
-def _shrunk(p: FloatArray) -> FloatArray:
-    return np.asarray(-p / (1.0 + p))
+def _shrunk(r: Readings, index: int, p: FloatArray) -> Readings:
+    return r.with_pressure(index, r.pressure(index) / (1.0 + p[0]))
 
 
 def _late(r: Readings, index: int, p: FloatArray) -> Readings:
@@ -100,7 +98,7 @@ PRESSURE_SENSOR_GAIN = Effect(
     channels=("force", "flow_a", "flow_b"),
     acts_on="pressure",
     reading=_stretched,
-    inverse=_shrunk,
+    undo=_shrunk,
     looks_like=("first moments", "pressure_sensor_bias", "bulk modulus"),
     separating_experiment="both chambers and supply on one pressure, at several pressures",
 )
