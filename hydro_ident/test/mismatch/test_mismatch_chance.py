@@ -211,16 +211,22 @@ def test_the_likeliest_name_is_first_though_another_law_fits_best(
     assert told.term.effect.name == told.names[0]
 
 
+@pytest.mark.parametrize(("held_out", "goes_first"), [(400.0, False), (500.0, True)])
 def test_a_law_whose_size_may_be_anything_is_before_none_that_is_told(
-    late: list[ActiveEffect],
+    late: list[ActiveEffect], held_out: float, goes_first: bool
 ) -> None:
-    """It says no more than what it comes to with another of its numbers."""
+    """It says no more than what it comes to with another of its numbers.
+
+    Unless that is far more than any law says whose size is told: an underlap by its width and its
+    shift, of which the recording tells the product.
+    """
     lag, delay = sorted(late, key=lambda one: one.effect.name == "command_delay")
     name, unknown = f"{lag.target}.valve_spool_lag.frequency", np.array([[600.0**2]])
     loose = replace(UNFITTED, names=(name,), covariance=unknown)
-    for weighed, first in ((loose, "command_delay"), (UNFITTED, "valve_spool_lag")):
+    otherwise = "valve_spool_lag" if goes_first else "command_delay"
+    for weighed, first in ((loose, otherwise), (UNFITTED, "valve_spool_lag")):
         both = [
-            Contender(lag, weighed, 400.0, 500.0, 3.0),
+            Contender(lag, weighed, 400.0, held_out, 3.0),
             Contender(delay, UNFITTED, 400.0, 380.0, 3.0),
         ]
         assert named_of(both, 0.001, 1.0).names[0] == first

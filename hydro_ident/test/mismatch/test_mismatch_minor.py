@@ -67,6 +67,13 @@ def _push(robot: Robot) -> float:
             {"progression": -0.07, "knee": 0.008},
             {"progression": -0.07, "knee": 0.02},
         ),
+        # As far beyond the knee as an underlap of 0.17 %: the slope there is what edges are.
+        (
+            "valve_gain_nonlinearity",
+            "lift_valve",
+            {"progression": -0.825, "knee": 2.0e-4},
+            {"progression": -0.825, "knee": 3.6e-4},
+        ),
     ],
 )
 def test_sizes_within_data_sheets_are_minor(

@@ -87,9 +87,11 @@ def is_minor(
         doubts = [min(_SURE * deviations.get(own + n, 0.0), _DOUBT * v) for n, v in sizes]
         return all(v - d < most for (_, v), d in zip(sizes, doubts, strict=True))
     if name == _BENT:
-        # A corner next to closed is an offset of the signal further on.
+        # A corner next to closed is an offset of the signal further on, where the edges' fit
+        # makes the slope one.
         values = dict(_values(term))
-        return 0.0 < abs(values["progression"]) * values[KNEE.name] < _EDGE
+        bend = values["progression"]
+        return 0.0 < abs(bend) / (1.0 + bend) * values[KNEE.name] < _EDGE
     if name == "constant_force_offset" and term.cylinder is not None:
         # What a transducer's zero that is tolerated makes of the force.
         push = _most_zero_pa(robot) * robot.cylinders[term.cylinder].area_a_m2

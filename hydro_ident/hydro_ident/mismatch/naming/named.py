@@ -20,6 +20,9 @@ _LEAST_SURE = 0.25
 #: Share of a law's tolerance that is a delay's: it is time and nothing else, and what it shifts
 #: has a form of its own.
 _OF_TIME = 0.1
+#: Evidence (nats) by which a law whose size may be anything goes before all whose size is told:
+#: its numbers make up for one another, but no other law does what they do.
+_FAR_BETTER = 20.0
 #: Log-likelihood (twice) that a difference of the form's tolerance is worth.
 _FORM_NATS = 4.0
 
@@ -210,9 +213,14 @@ def named_of(
         return 0.5 * one.held_out / spread - misfit - costs[id(one)]
 
     # Neither at the end of its range nor where its size may be anything is a law told from others;
-    # it is never before them.
-    behind = {id(c): bool(at_a_bound(c.term)) or not c.sized for c in contenders}
-    possible = [own_evidence(c) for c in contenders if not behind[id(c)]]
+    # it is never before them, unless they are out of its reach.
+    sure = [c for c in contenders if c.sized and not at_a_bound(c.term)]
+    possible = [own_evidence(c) for c in sure]
+    far = max(possible, default=np.inf) + _FAR_BETTER
+    behind = {
+        id(c): bool(at_a_bound(c.term)) or not (c.sized or own_evidence(c) > far)
+        for c in contenders
+    }
 
     def evidence_of(one: Contender) -> float:
         limit = max(possible) if possible and behind[id(one)] else np.inf
