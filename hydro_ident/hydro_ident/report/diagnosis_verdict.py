@@ -265,10 +265,10 @@ def _next(found: Diagnosis) -> list[str]:
     if found.verdict == NOT_ENOUGH:
         return [f"{text[0].upper()}{text[1:]}." for text in found.problems]
     lines = _experiments(found)
-    if any(u.taken_out is not None for u in found.unexplained):
+    if found.work is not None and found.work.off:
         lines.append(
-            "Mount the sensor on its centre, or correct what it reads by `off_centre` of"
-            " result.json: whoever drives by it is off by as much."
+            "Look at how that position is read, or correct it by `off_centre` of result.json:"
+            " whoever drives by it is off by as much."
         )
     if where := [u.channel for u in found.unexplained if u.taken_out is None]:
         lines.append(

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 from hydro_ident.everyday_units import told
 from hydro_ident.mismatch.answer.outcome import Diagnosis
+from hydro_ident.mismatch.answer.taken_out import off_words
 from hydro_ident.mismatch.rows.channel_words import ChannelWords
 from hydro_ident.mismatch.rows.state_space import OF_READINGS
 from hydro_ident.mismatch.unnamed.describe import Form, each_form
@@ -140,19 +143,20 @@ def taken_out_lines(found: Diagnosis) -> list[str]:
     ----------
     found : Diagnosis
     """
+    if found.work is None or not found.work.off:
+        return []
+    text = told(off_words(found.given, found.work.off))
     units = {channel.name: channel.unit for channel in found.channels}
-    channels: dict[str, list[str]] = {}
-    for one in found.unexplained:
-        if one.taken_out is None:
-            continue
-        unit, size = units.get(one.channel, ""), (one.taken_out.before, one.taken_out.after)
-        left = f" ({number(size[0], 3)} → {number(size[1], 3)} {unit_text(unit)})" if unit else ""
-        channels.setdefault(told(one.taken_out.text), []).append(f"{one.channel}{left}")
+    sizes = [
+        f"{one.channel} {number(one.taken_out.before, 3)} → {number(one.taken_out.after, 3)}"
+        f" {unit_text(units.get(one.channel, ''))}".rstrip()
+        for one in found.unexplained
+        if one.taken_out is not None and math.isfinite(one.taken_out.before)
+    ]
+    left = f" Without it held-out rows keep less: {', '.join(sizes)}." if sizes else ""
     return [
-        f"{text[0].upper()}{text[1:]}, which explains what has no name in {', '.join(where)}, on"
-        " held-out rows with it and without. It is taken out of the recordings for all else, and"
-        " is not in the model."
-        for text, where in channels.items()
+        f"{text[0].upper()}{text[1:]}.{left} It is taken out of the recordings for all else that"
+        " is told here, and is not in the model."
     ]
 
 

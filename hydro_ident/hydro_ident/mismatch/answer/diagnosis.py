@@ -29,7 +29,6 @@ from hydro_ident.mismatch.answer.notes import (
     silent_notes,
     unverified_notes,
 )
-from hydro_ident.mismatch.answer.off_centre import off_notes, without_off_centre
 from hydro_ident.mismatch.answer.outcome import (
     EXPLAINED,
     MATCHES,
@@ -43,6 +42,7 @@ from hydro_ident.mismatch.answer.outcome import (
 )
 from hydro_ident.mismatch.answer.rail_constants import parted_rails, rail_notes
 from hydro_ident.mismatch.answer.runs_off import runs_off
+from hydro_ident.mismatch.answer.taken_out import off_notes, without_off_centre
 from hydro_ident.mismatch.fitting.as_listed import as_listed_notes
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.locating.locate import dependences
@@ -104,11 +104,12 @@ def diagnose(
     wrong = wrong_robot(robot, [s.recording for s in surveys])
     advance("fitting the structure", 1, STAGES)
     lay = partial(residuals, robot, sources, others, surveys, settings)
+    held = list[Residuals]()
     try:
-        work = None if wrong else lay()
+        held += [] if wrong else [work for work in (lay(),) if work is not None]
     except NotEnoughDataError as error:
-        work, wrong = None, [str(error)]
-    if work is None:
+        wrong = [str(error)]
+    if not held:
         problems = tuple(wrong) or (_too_little(robot, surveys[: len(sources)]),)
         return Diagnosis(
             NOT_ENOUGH,
@@ -119,7 +120,7 @@ def diagnose(
             recordings=recordings,
             notes=recorded_notes(surveys),
         )
-    return replace(_diagnosed(work, lay, settings, losses), recordings=recordings)
+    return replace(_diagnosed(held, lay, settings, losses), recordings=recordings)
 
 
 def _too_little(robot: Robot, surveys: Sequence[Survey]) -> str:
@@ -139,15 +140,19 @@ def _too_little(robot: Robot, surveys: Sequence[Survey]) -> str:
 
 
 def _diagnosed(
-    work: Residuals,
+    held: list[Residuals],
     lay: Callable[[Sequence[OffCentre]], Residuals | None],
     settings: DiagnosisSettings,
     losses: tuple[BagLoss, ...],
 ) -> Diagnosis:
     advance("looking where residuals depend on something", 2, STAGES)
+    # Where the recordings are laid out anew, nothing may hold the rows that were laid out first.
+    work = held.pop()
     base = base_to_search(work)
     located = dependences(work.scan, base)
-    answer = without_off_centre(answered(work, base), lay)
+    answers = [answered(work, base)]
+    del work, base
+    answer = without_off_centre(answers, lay)
     work, search, rejected, taken = answer.work, answer.search, answer.rejected, answer.taken
     whole, before, modelled, refined = _modelled(answer, settings)
     advance("rolling the models out", 6, STAGES)

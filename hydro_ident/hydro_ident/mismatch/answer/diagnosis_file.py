@@ -308,7 +308,7 @@ def _off_dict(found: Diagnosis, one: OffCentre) -> dict[str, Any]:
         "cosine": one.cosine,
         "period": one.period,
         "amplitude": one.amplitude,
-        "std": one.std,
+        "std": finite(one.std),
         "unit": "m" if joint.prismatic else "rad",
     }
 

@@ -179,7 +179,7 @@ def parted_unknown(
 
 def _why_none(one: Unexplained, channel: ChannelResult | None) -> str:
     """Why what has no name is no unknown; empty where it is."""
-    if channel is None:
+    if channel is None or one.taken_out is not None:
         return ""
     share = one.size / max(float(np.std(channel.measured)), 1e-300)
     if share < UNKNOWN_SHARE:

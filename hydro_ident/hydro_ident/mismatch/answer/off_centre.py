@@ -1,67 +1,144 @@
-"""Position sensors off their centre: told as unknown, and taken out of what else is looked for.
+"""Position sensors off their centre: what of something without a name would be one's error.
 
 An error that repeats along the joint acts in the force and in both flows of that joint, the more
-the faster it moves, and hides whatever is smaller there. The contract has no name for it, so that
-it stays unexplained; but where one wave along the reading takes it out of all of these channels,
-the recordings are looked at once more without it.
+the faster it moves, and hides whatever is smaller there. One that hardly repeats where the joint
+has been looks like a function of time, or of all that goes with the position. A wave along the
+reading is fitted with everything that was found, and put to the rows that took no part: a wrong
+length of the machine bends the flows as well, but no wave of the reading sets the forces right.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.mismatch.answer.answering import Answer, answered, base_to_search
-from hydro_ident.mismatch.answer.channel_results import channels_of
+from hydro_ident.mismatch.answer.answering import Answer
 from hydro_ident.mismatch.fitting.as_listed import LISTED_GAIN
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import NEAR, fit
 from hydro_ident.mismatch.fitting.training import Training
+from hydro_ident.mismatch.naming.instants import at_own_instants
+from hydro_ident.mismatch.rows.modelled import Model
 from hydro_ident.mismatch.rows.off_centre import OFF_CENTRE, OffCentre, term_of
+from hydro_ident.mismatch.rows.prediction import Predictor
+from hydro_ident.mismatch.split.check import Check
 from hydro_ident.mismatch.split.held_out import rms
-from hydro_ident.mismatch.split.residuals import Residuals
-from hydro_ident.mismatch.unnamed.unknown import HINT, TakenOut, Unexplained
-from hydro_model.robot import FloatArray, Robot
+from hydro_ident.mismatch.unnamed.unknown import Unexplained
+from hydro_model.effects.effect import Effect
+from hydro_model.robot import FloatArray
 
 #: What an unknown follows that may be a position's error, and times what.
 _ALONG = ("joint_angle", "piston_position")
 _TIMES = ("velocity", "velocity_squared", "valve_signal")
-#: What a reading's error depends on, whatever it had been seen to follow.
-_DEPENDS_ON = ("joint_angle", "piston_velocity")
-#: Periods that are tried beside those that were told, as shares of where the joint has been; and
-#: those of a sensor on the joint itself, one and two per turn. Longer ones than this share of
-#: where it has been are gravity's and the lever arm's.
-_OF_RANGE, _OF_TURN, _LONGEST = (0.25, 0.4, 0.6, 1.0, 1.6), (2.0 * np.pi, np.pi), 8.0
-#: Waves that are taken out of one sensor at most, one after the other.
-_ROUNDS = 3
-#: Share of what was left on held-out rows that one channel keeps at most; none keeps more than
-#: was. As little as the second where most of these channels are as unknown as before.
-_LESS, _FAR_LESS = 0.95, 0.5
+#: Periods that are tried beside those that were told: shares of where the joint has been, and one
+#: and two per turn. No sensor's error takes longer than a turn, or on a slide than the last share.
+_OF_RANGE, _TURN = (0.25, 0.4, 0.6, 1.0, 1.6), 2.0 * math.pi
+#: Deviations that an error is large, and the share of what moves by which it may misread.
+_DEVIATIONS, _STEEPEST = 5.0, 0.5
+#: On held-out rows no channel keeps more than this share of what was left, and one of those that
+#: it was seen in no more than the second. An error that does not repeat leaves of all of these
+#: half, or little more than their sensors' noise.
+_NO_MORE, _LESS, _HALF, _AT_NOISE = 1.02, 0.95, 0.5, 1.25
 
 
-def off_centre(answer: Answer) -> tuple[OffCentre, ...]:
-    """Errors of position sensors that would explain what has no name.
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Errors of position sensors, and what is left of channels with them and without.
+
+    Attributes
+    ----------
+    errors : tuple of OffCentre
+        One per joint at most.
+    sizes : mapping of str to (float, float)
+        Root mean square on held-out rows, by channel, with the errors in the recordings and
+        without.
+    """
+
+    errors: tuple[OffCentre, ...]
+    sizes: Mapping[str, tuple[float, float]]
+
+
+def off_centre(answer: Answer) -> Evidence:
+    """Errors of position sensors by which what has no name comes out.
 
     Parameters
     ----------
     answer : Answer
-
-    Returns
-    -------
-    tuple of OffCentre
-        One per joint at most; empty where nothing looks like one.
     """
-    training, whole, found = answer.work.training, answer.whole, list[OffCentre]()
-    for joint, told in _told_along(training, answer.unknown).items():
-        periods = _periods(training, joint, told)
-        fits = [_with_wave(training, whole, joint, period) for period in periods]
-        best = min(fits, key=lambda one: one.squares, default=whole)
-        if whole.squares - best.squares > LISTED_GAIN:
-            found.append(_freed(training, best))
-    return tuple(found)
+    sight, whole = _Sight.of(answer), answer.whole
+    model, first = whole.model, sight.left(whole.model)
+    errors, now = list[OffCentre](), first
+    for start, told in _starts(sight, whole, answer.unknown):
+        best = _freed(sight, whole, model, start)
+        error = _error_of(best)
+        then = sight.left(best.model)
+        seen = {one.channel for one in told}
+        if _believable(sight, error) and _takes_out(sight, error, now, then, seen):
+            errors, model, now = [*errors, error], best.model, then
+    return Evidence(
+        tuple(errors), {name: (first[name], now.get(name, math.nan)) for name in first}
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Sight:
+    """Rows of an answer, laid out for looks whose columns nobody keeps.
+
+    Attributes
+    ----------
+    training : Training
+    check : Check
+    floors : mapping of str to float
+        What the sensors' noise leaves of the held-out rows, by channel.
+    """
+
+    training: Training
+    check: Check
+    floors: Mapping[str, float]
+
+    @staticmethod
+    def of(answer: Answer) -> _Sight:
+        work = answer.work
+        training = replace(work.training, predictor=Predictor(work.training.predictor.material))
+        same = work.check.predictor is work.training.predictor
+        there = training.predictor if same else Predictor(work.check.predictor.material)
+        check = replace(work.check, predictor=there)
+        return _Sight(training, check, work.noise_floors(work.check_traces))
+
+    def left(self, model: Model) -> dict[str, float]:
+        """What a model leaves of every channel on held-out rows, root mean square."""
+        there, _ = at_own_instants(self.training, self.check, model)
+        residual = self.check.residual(there)
+        rows = {
+            name: self.check.rows(k, name)
+            for k, name in enumerate(self.check.predictor.material.channels)
+        }
+        return {name: rms(residual[own]) for name, own in rows.items() if own.any()}
+
+    def span(self, joint: int) -> float:
+        """Where a joint has been on the fitted rows, rad or m; 0 where it was not read."""
+        return _span(s.trace.q[:, joint] for s in self.training.predictor.material.stretches)
+
+    def longest(self, joint: int) -> float:
+        """Longest period of an error of a joint's sensor, rad or m."""
+        slides = self.training.predictor.material.robot.joints[joint].prismatic
+        return _OF_RANGE[-1] * self.span(joint) if slides else _TURN
+
+
+def _starts(
+    sight: _Sight, whole: Fitted, unknown: Iterable[Unexplained]
+) -> list[tuple[OffCentre, list[Unexplained]]]:
+    """The best wave of every joint that may have one, and what was seen of it; the best first."""
+    found = list[tuple[float, OffCentre, list[Unexplained]]]()
+    for joint, told in _told_along(sight.training, unknown).items():
+        tried = [_tried(sight, whole, joint, period) for period in _periods(sight, joint, told)]
+        squares, error = min(tried, key=lambda one: one[0], default=(math.inf, None))
+        if error is not None and whole.squares - squares > LISTED_GAIN:
+            found.append((squares, error, told))
+    return [(error, told) for _, error, told in sorted(found, key=lambda one: one[0])]
 
 
 def _told_along(
@@ -83,46 +160,60 @@ def _told_along(
     }
 
 
-def _periods(training: Training, joint: int, told: Sequence[Unexplained]) -> list[float]:
-    """Periods of the reading that are tried, rad or m."""
-    material = training.predictor.material
+def _periods(sight: _Sight, joint: int, told: Sequence[Unexplained]) -> Iterator[float]:
+    """Periods of the position that are tried, rad or m; none of what was not read or stood."""
+    material = sight.training.predictor.material
     robot, traces = material.robot, [s.trace for s in material.stretches]
-    span = _span(trace.q[:, joint] for trace in traces)
+    span = sight.span(joint)
+    if span <= 0.0:
+        return
     spans = {"joint_angle": span}
     for index, cylinder in enumerate(robot.cylinders):
         if robot.joint_index(cylinder.joint) == joint:
             spans["piston_position"] = _span(trace.stroke[:, index] for trace in traces)
-    dependences = [one.dependence for one in told if one.dependence.variable in spans]
-    own = [d.period * span / spans[d.variable] for d in dependences]
-    periods = [period for period in own if period > 0.0] + [share * span for share in _OF_RANGE]
+    seen = [d for d in (one.dependence for one in told) if spans.get(d.variable, 0.0) > 0.0]
+    periods = [d.period * span / spans[d.variable] for d in seen if d.period > 0.0]
+    periods += [share * span for share in _OF_RANGE]
     if not robot.joints[joint].prismatic:
-        periods += [period for period in _OF_TURN if period <= _LONGEST * span]
+        periods += [_TURN, 0.5 * _TURN]
     ends = OFF_CENTRE.parameters[2]
-    return [period for period in dict.fromkeys(periods) if ends.lower <= period <= ends.upper]
+    for period in dict.fromkeys(periods):
+        if ends.lower <= period <= sight.longest(joint):
+            yield period
 
 
 def _span(signals: Iterable[FloatArray]) -> float:
-    """Range of what was read of signals."""
+    """Range of what was read of signals; 0 where nothing was."""
     seen = np.concatenate(list(signals))
-    return float(np.ptp(seen[np.isfinite(seen)]))
+    known = seen[np.isfinite(seen)]
+    return float(np.ptp(known)) if known.size else 0.0
 
 
-def _with_wave(training: Training, whole: Fitted, joint: int, period: float) -> Fitted:
-    """The fit with a wave of one period along a joint's reading, as `whole` is weighed."""
-    robot = training.predictor.material.robot
-    spec = replace(OFF_CENTRE.parameters[2], lower=period, upper=period)
-    effect = replace(OFF_CENTRE, parameters=(*OFF_CENTRE.parameters[:2], spec))
-    term = term_of(robot, OffCentre(joint, 0.0, 0.0, period), effect)
-    return fit(training, whole.model.with_term(term), whole.bench.noise, passes=NEAR)
+def _tried(
+    sight: _Sight, whole: Fitted, joint: int, period: float
+) -> tuple[float, OffCentre | None]:
+    """Squares that a wave of one period along a joint's position leaves, and the wave.
+
+    The fit, as `whole` is weighed, is as large as the next one, and not kept.
+    """
+    robot = sight.training.predictor.material.robot
+    term = term_of(robot, OffCentre(joint, 0.0, 0.0, period), _of_periods(period, period))
+    one = fit(sight.training, whole.model.with_term(term), whole.bench.noise, passes=NEAR)
+    return one.squares, _error_of(one)
 
 
-def _freed(training: Training, best: Fitted) -> OffCentre:
-    """The wave of a fit with its period fitted as well."""
-    held = best.model.terms[-1]
-    free = replace(held, effect=OFF_CENTRE)
-    model = replace(best.model, terms=(*best.model.terms[:-1], free))
-    fresh = fit(training, model, best.bench.noise)
-    return _error_of(fresh if fresh.squares < best.squares else best)
+def _freed(sight: _Sight, whole: Fitted, model: Model, start: OffCentre) -> Fitted:
+    """A wave fitted with its period, beside what is in a model."""
+    robot = sight.training.predictor.material.robot
+    ends = OFF_CENTRE.parameters[2].lower, sight.longest(start.joint)
+    term = term_of(robot, start, _of_periods(*ends))
+    return fit(sight.training, model.with_term(term), whole.bench.noise)
+
+
+def _of_periods(lower: float, upper: float) -> Effect:
+    """A position sensor's error whose period is within two ends."""
+    spec = replace(OFF_CENTRE.parameters[2], lower=lower, upper=upper)
+    return replace(OFF_CENTRE, parameters=(*OFF_CENTRE.parameters[:2], spec))
 
 
 def _error_of(one: Fitted) -> OffCentre:
@@ -136,108 +227,28 @@ def _error_of(one: Fitted) -> OffCentre:
     return OffCentre(term.index, sine, cosine, period, float(np.sqrt(max(variance, 0.0))))
 
 
-def without_off_centre(
-    first: Answer, lay: Callable[[Sequence[OffCentre]], Residuals | None]
-) -> Answer:
-    """What is found without the errors of position sensors, or the first answer.
-
-    Parameters
-    ----------
-    first : Answer
-    lay : callable
-        Rows and base of the same recordings without such errors.
-
-    Returns
-    -------
-    Answer
-        With what has no name in the first as well, and that a sensor's error explains it.
-    """
-    best = first
-    for _ in range(_ROUNDS):
-        more = off_centre(best)
-        work = lay((*best.work.off, *more)) if more else None
-        again = None if work is None else answered(work, base_to_search(work))
-        if again is None or not _better(best, again, {one.joint for one in more}):
-            break
-        best = again
-    return best if best is first else replace(best, unknown=_explained(first, best))
+def _believable(sight: _Sight, one: OffCentre) -> bool:
+    """Whether the rows tell an error that a sensor can have."""
+    told = 0.0 < _DEVIATIONS * one.std <= one.amplitude
+    return told and 2.0 * math.pi * one.amplitude <= _STEEPEST * one.period
 
 
-def _explained(first: Answer, best: Answer) -> tuple[Unexplained, ...]:
-    """What has no name, and what had none until errors of sensors were taken out."""
-    material, robot = first.work.training.predictor.material, first.work.robot
-    left, errors = {one.channel for one in best.unknown}, best.work.off
-    told, then, now = list(best.unknown), _held_out(first), _held_out(best)
-    for one in first.unknown:
-        own = [e for e in errors if e.joint == material.joint_of(one.dependence.channel)]
-        if own and one.channel not in left:
-            sizes = (rows.get(one.channel, math.nan) for rows in (then, now))
-            because = TakenOut(off_words(robot, own), *sizes)
-            text = f"{one.text.removesuffix(HINT)}; {because.text}, which explains it"
-            told.append(replace(one, depends_on=_DEPENDS_ON, text=text, taken_out=because))
-    order = list(material.channels)
-    return tuple(sorted(told, key=lambda one: order.index(one.channel)))
-
-
-def _better(before: Answer, after: Answer, joints: Collection[int]) -> bool:
-    """Whether held-out rows of some joints keep less, nothing more is unknown, no name is lost.
-
-    A name may go where its channels are explained as well without it.
-    """
-    material = before.work.training.predictor.material
-    told = {u.channel for u in before.unknown if material.joint_of(u.dependence.channel) in joints}
-    then, now = _held_out(before), _held_out(after)
-    ratios = [now[name] / max(then[name], 1e-300) for name in told & set(then)]
-    if not ratios or max(ratios) > 1.0 or min(ratios) > _LESS:
+def _takes_out(
+    sight: _Sight,
+    one: OffCentre,
+    before: Mapping[str, float],
+    after: Mapping[str, float],
+    seen: Collection[str],
+) -> bool:
+    """Whether held-out rows keep less of the channels that it was seen in, and of none more."""
+    if any(after.get(name, math.inf) > _NO_MORE * size for name, size in before.items()):
         return False
-    left = told & {one.channel for one in after.unknown}
-    if 2 * len(left) > len(told) and min(ratios) > _FAR_LESS:
+    shares = {name: after[name] / max(before[name], 1e-300) for name in seen if name in before}
+    if not shares or min(shares.values()) > _LESS:
         return False
-    lost = [
-        name
-        for finding in before.findings
-        if (finding.named.term.effect.name, finding.named.term.cylinder) not in after.names
-        for name in finding.channels
-    ]
-    kept = all(now[name] <= then[name] for name in lost if name in then)
-    return kept and len(after.unknown) <= len(before.unknown)
-
-
-def _held_out(one: Answer) -> dict[str, float]:
-    """What an answer leaves of every channel on rows that took no part."""
-    results = channels_of(one.work, one.whole, one.work.check)
-    return {result.name: rms(result.measured - result.after) for result in results}
-
-
-def off_words(robot: Robot, errors: Sequence[OffCentre]) -> str:
-    """The errors of one position sensor, in words.
-
-    Parameters
-    ----------
-    robot : Robot
-    errors : sequence of OffCentre
-        Of one joint.
-    """
-    joint = robot.joints[errors[0].joint]
-    unit = "m" if joint.prismatic else "rad"
-    sizes = [
-        f"{1e3 * one.amplitude:.3g} +- {1e3 * one.std:.2g} m{unit} either way every"
-        f" {one.period:.4g} {unit}"
-        for one in errors
-    ]
-    return f"the position sensor of {joint.name} is off its centre ({' and '.join(sizes)})"
-
-
-def off_notes(work: Residuals) -> list[str]:
-    """What was taken out of the recordings, in words.
-
-    Parameters
-    ----------
-    work : Residuals
-    """
-    joints = dict.fromkeys(one.joint for one in work.off)
-    return [
-        f"{off_words(work.robot, [one for one in work.off if one.joint == joint])}: taken out of"
-        " the recordings, before and after alike; not in the model"
-        for joint in joints
-    ]
+    if one.period <= sight.span(one.joint):
+        return True
+    return all(
+        share <= _HALF or after[name] <= _AT_NOISE * sight.floors.get(name, 0.0)
+        for name, share in shares.items()
+    )

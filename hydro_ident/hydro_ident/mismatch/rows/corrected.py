@@ -58,8 +58,12 @@ class CorrectedReadings:
             trace, q=seen.q, p_a=seen.p_a, p_b=seen.p_b, supply=seen.supply, tank=seen.tank,
             valve_signal=seen.valve_signal,
         )  # fmt: skip
-        if stretch.moved is None or np.array_equal(fixed.q, trace.q):
+        if np.array_equal(fixed.q, trace.q):
             return replace(stretch, trace=fixed)
+        if stretch.moved is None:
+            # Without all joints there is no force, but the flows of those that were read.
+            own = strokes(self.material.robot, fixed.q, fixed.stroke.copy())
+            return replace(stretch, trace=replace(fixed, stroke=own))
         fixed, moved = self._moved(stretch, stretch.moved, fixed, terms)
         return replace(stretch, trace=fixed, moved=moved)
 

@@ -11,11 +11,12 @@ is taken out of the recordings, and stands in no model file.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hydro_ident.estimate.forces.standstill import Rest
 from hydro_ident.estimate.signals.traces import Trace, strokes
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.law import ParameterSpec
@@ -163,3 +164,24 @@ def without_errors(
         own = replace(trace, q=q, stroke=strokes(robot, q, trace.stroke.copy()))
         result.append(own)
     return tuple(result)
+
+
+def read_rightly(
+    still: Mapping[str, Mapping[int, Rest]], errors: Sequence[OffCentre]
+) -> Mapping[str, Mapping[int, Rest]]:
+    """How joints stand that are still, as sensors on their centres would have read them.
+
+    Parameters
+    ----------
+    still : mapping of str to mapping of int to Rest
+        By recording and joint.
+    errors : sequence of OffCentre
+        As `without_errors`.
+    """
+    result = {name: dict(rests) for name, rests in still.items()}
+    for one in errors:
+        for rests in result.values():
+            if one.joint in rests:
+                at = float(one.position(np.array(rests[one.joint].at)))
+                rests[one.joint] = replace(rests[one.joint], at=at)
+    return result

@@ -38,7 +38,7 @@ from hydro_ident.mismatch.fitting.training import Training, start_model
 from hydro_ident.mismatch.rows.choices import Choices, choices_of
 from hydro_ident.mismatch.rows.laying import material_of
 from hydro_ident.mismatch.rows.material import Material
-from hydro_ident.mismatch.rows.off_centre import OffCentre, without_errors
+from hydro_ident.mismatch.rows.off_centre import OffCentre, read_rightly, without_errors
 from hydro_ident.mismatch.rows.prediction import Predictor
 from hydro_ident.mismatch.rows.telling import telling
 from hydro_ident.mismatch.rows.whole import read_whole
@@ -183,7 +183,7 @@ def residuals(
     torque = by_torques(surveys[: len(sources)])
     forces = own_forces(robot, torque)
     locked = still_joints(robot, signals)
-    still = still_positions(surveys, locked)
+    still = read_rightly(still_positions(surveys, locked), off)
     sources, others = with_updates(robot, sources, others, surveys)
     cleaner = Cleaner.of(robot, signals, _GROSS)
     whole, recorded, cleaned = read_whole(sources, others, cleaner)

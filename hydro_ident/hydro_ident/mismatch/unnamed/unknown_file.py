@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from hydro_ident.json_numbers import finite
 from hydro_ident.mismatch.locating.dependence import Dependence
 from hydro_ident.mismatch.unnamed.describe import Form
-from hydro_ident.mismatch.unnamed.unknown import Unexplained
+from hydro_ident.mismatch.unnamed.unknown import TakenOut, Unexplained
 
 
 def unexplained_dict(one: Unexplained) -> dict[str, Any]:
@@ -41,6 +42,15 @@ def unexplained_dict(one: Unexplained) -> dict[str, Any]:
         "confirmed": one.confirmed,
         "curve": _curve(d),
         "form": None if one.form is None else _form(one.form),
+        "taken_out": None if one.taken_out is None else _taken_out(one.taken_out),
+    }
+
+
+def _taken_out(one: TakenOut) -> dict[str, Any]:
+    return {
+        "text": one.text,
+        "rmse_before": finite(one.before),
+        "rmse_after": finite(one.after),
     }
 
 
