@@ -13,6 +13,8 @@ from hydro_ident.mismatch.answer.diagnosis import diagnose
 from hydro_ident.mismatch.answer.outcome import Diagnosis
 from hydro_ident.mismatch.rows.off_centre import OFF_CENTRE, OffCentre, without_errors
 from hydro_ident.recordings.sources import sources_of
+from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
+from hydro_ident.report.diagnosis_views import diagnosis_rows
 from hydro_model.effects.readings import Readings
 from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.robot import EffectSpec, Robot
@@ -170,6 +172,10 @@ def test_it_is_found_where_it_hardly_repeats(make_run: MakeRun, period: float) -
     assert error.period == pytest.approx(period, rel=0.02)
     assert {one.channel for one in found.unexplained} >= {"lift/flow_a", "lift/flow_b"}
     assert all(one.taken_out is not None for one in found.unexplained)
+    strip = diagnosis_verdict(found, diagnosis_rows(found)[0])
+    assert "A position sensor misreads." in strip.headline
+    said = dict(strip.cards)["What was left out"]
+    assert any("held-out rows keep less: lift/f" in line for line in said)
 
 
 @pytest.mark.thorough

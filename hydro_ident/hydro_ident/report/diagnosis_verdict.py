@@ -56,6 +56,9 @@ _HEADLINES = {
     ),
     NOT_ENOUGH: ("bad", "These recordings are not enough to say anything."),
 }
+_MISREAD = (
+    "A position sensor misreads. Beside that, nothing is missing that these recordings show."
+)
 _RESERVED = "The model left physics out. It has been found and named, with a reservation."
 _ERRORS = (
     "Before anything is added to the model, by the root mean square error over all held-out rows:"
@@ -85,6 +88,8 @@ def _headline(found: Diagnosis, held_out: Sequence[ChannelRows]) -> tuple[str, s
     tone, headline = _HEADLINES[found.verdict]
     if found.verdict == PARTLY and not found.unexplained:
         return tone, _RESERVED
+    if found.verdict == UNKNOWN and _all_taken_out(found):
+        return tone, _MISREAD
     if found.verdict != EXPLAINED:
         return tone, headline
     unsure = sum(f.named.probability[0] < _SURE for f in found.findings)
@@ -98,6 +103,11 @@ def _headline(found: Diagnosis, held_out: Sequence[ChannelRows]) -> tuple[str, s
     if not limits:
         return tone, headline
     return "warn", f"The model left physics out. It has been found, but {', and '.join(limits)}."
+
+
+def _all_taken_out(found: Diagnosis) -> bool:
+    """Whether all that has no name is an error of a sensor, and is in the recordings no more."""
+    return bool(found.unexplained) and all(u.taken_out is not None for u in found.unexplained)
 
 
 def _differs(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
@@ -114,6 +124,8 @@ def _differs(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
         return [_hardly_off(found, held_out)]
     worst = sorted(off, key=lambda name: -off[name])
     lines = [_ERRORS]
+    if found.work is not None and found.work.off:
+        lines = [f"{_ERRORS[:-1]}, without the error of a position sensor:"]
     lines += [
         f"{name} is off by {_with_unit(sizes[name][1], sizes[name][0].unit)},"
         f" {off[name]:.0f} times sensor noise alone{few_rows(sizes[name][0])}."
@@ -134,6 +146,11 @@ def _hardly_off(found: Diagnosis, held_out: Sequence[ChannelRows]) -> str:
     if found.verdict in (MATCHES, NO_IMPROVEMENT) or not ratios:
         return "Nothing beyond what sensor noise leaves."
     name = max(ratios, key=lambda k: ratios[k])
+    if _all_taken_out(found):
+        return (
+            "Without the error of a position sensor no channel is off by more than"
+            f" {NEAR_NOISE:g} times sensor noise (at most {ratios[name]:.1f} times, {name})."
+        )
     return (
         f"No channel is off by more than {NEAR_NOISE:g} times sensor noise (at most"
         f" {ratios[name]:.1f} times, {name}), but what is left still follows a pattern: see what"
