@@ -74,9 +74,11 @@ def law_views(found: Diagnosis) -> list[LawView]:
     views = [_finding_view(found, found.work, one) for one in found.findings]
     views += [
         _off_centre_view(found.work, found.whole, one)
-        if one.taken_out
+        if one.taken_out is not None
         else _dependence_view(found.work.training, found.whole, one.dependence, told(one.text))
         for one in found.unexplained
+        # What was told of other rows may be of a channel that these lack.
+        if one.channel in found.work.training.predictor.material.channels
     ]
     if views:
         return views
@@ -166,10 +168,11 @@ def _dependence_view(training: Training, fitted: Fitted, d: Dependence, text: st
 def _off_centre_view(work: Residuals, whole: Fitted, one: Unexplained) -> LawView:
     """What a position sensor's error had made of a channel, and what is left without it."""
     predictor, robot = work.training.predictor, work.robot
-    material, channel = predictor.material, one.dependence.channel
+    material = predictor.material
+    channel = material.channels.index(one.channel)
     own = work.training.mask & (material.channel == channel)
     law = np.zeros(material.size)
-    for error in (e for e in work.off if e.joint == material.joint_of(channel)):
+    for error in work.off:
         # Undone with the opposite sign it is back in recordings that are free of it.
         back = replace(error, sine=-error.sine, cosine=-error.cosine)
         law -= predictor.contribution(whole.model, term_of(robot, back))

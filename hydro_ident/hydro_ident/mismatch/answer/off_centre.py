@@ -68,10 +68,13 @@ def off_centre(answer: Answer) -> Evidence:
     ----------
     answer : Answer
     """
+    along = _told_along(answer.work.training, answer.unknown)
+    if not along:
+        return Evidence((), {})
     sight, whole = _Sight.of(answer), answer.whole
     model, first = whole.model, sight.left(whole.model)
     errors, now = list[OffCentre](), first
-    for start, told in _starts(sight, whole, answer.unknown):
+    for start, told in _starts(sight, whole, along):
         best = _freed(sight, whole, model, start)
         error = _error_of(best)
         then = sight.left(best.model)
@@ -129,11 +132,11 @@ class _Sight:
 
 
 def _starts(
-    sight: _Sight, whole: Fitted, unknown: Iterable[Unexplained]
+    sight: _Sight, whole: Fitted, along: Mapping[int, list[Unexplained]]
 ) -> list[tuple[OffCentre, list[Unexplained]]]:
     """The best wave of every joint that may have one, and what was seen of it; the best first."""
     found = list[tuple[float, OffCentre, list[Unexplained]]]()
-    for joint, told in _told_along(sight.training, unknown).items():
+    for joint, told in along.items():
         tried = [_tried(sight, whole, joint, period) for period in _periods(sight, joint, told)]
         squares, error = min(tried, key=lambda one: one[0], default=(math.inf, None))
         if error is not None and whole.squares - squares > LISTED_GAIN:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+from hydro_ident.errors import NotEnoughDataError
 from hydro_ident.mismatch.answer.answering import Answer, answered, base_to_search
 from hydro_ident.mismatch.answer.off_centre import off_centre
 from hydro_ident.mismatch.rows.off_centre import OffCentre
@@ -13,8 +14,9 @@ from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.mismatch.unnamed.unknown import HINT, TakenOut, Unexplained
 from hydro_model.robot import Robot
 
-#: What a reading's error depends on, whatever it had been seen to follow.
-_DEPENDS_ON = ("joint_angle", "piston_velocity")
+#: What a reading's error depends on, whatever it had been seen to follow, in channels of its own
+#: joint and of others.
+_OF_ITS_OWN, _OF_OTHERS = ("joint_angle", "piston_velocity"), ("other_joint",)
 #: Waves that are taken out of one sensor at most, one after the other.
 _ROUNDS = 3
 
@@ -38,6 +40,7 @@ def without_off_centre(
         With what had no name before as well, and that a sensor's error was it.
     """
     told, sizes = dict[str, Unexplained](), dict[str, tuple[float, float]]()
+    robot = held[0].work.robot
     for _ in range(_ROUNDS):
         found = off_centre(held[0])
         if not found.errors:
@@ -47,9 +50,11 @@ def without_off_centre(
         told = {one.channel: one for one in held[0].unknown} | told
         errors = (*held[0].work.off, *found.errors)
         held.clear()
-        work = lay(errors) or lay(())
+        work = lay(errors)
         if work is None:
-            raise AssertionError  # pragma: no cover - the recordings had rows before
+            raise NotEnoughDataError(
+                f"expected rows without what {off_words(robot, errors)} makes, found none"
+            )
         held.append(answered(work, base_to_search(work)))
         del work
     answer = held.pop()
@@ -63,16 +68,17 @@ def _with_told(
 ) -> tuple[Unexplained, ...]:
     """What has no name, and what had none until errors of sensors were taken out."""
     robot, left = answer.work.robot, {one.channel for one in answer.unknown}
-    quiet = [one for name, one in told.items() if name not in left]
     because = off_words(robot, answer.work.off)
+    owners = {robot.joint_names[error.joint] for error in answer.work.off}
     gone = [
         replace(
             one,
-            depends_on=_DEPENDS_ON,
+            depends_on=_OF_ITS_OWN if one.channel.split("/")[0] in owners else _OF_OTHERS,
             text=f"{one.text.removesuffix(HINT)}; {because}",
             taken_out=TakenOut(because, *sizes.get(one.channel, (math.nan, math.nan))),
         )
-        for one in quiet
+        for name, one in told.items()
+        if name not in left
     ]
     order = {name: k for k, name in enumerate(answer.work.training.predictor.material.channels)}
     found = sorted((*answer.unknown, *gone), key=lambda one: order.get(one.channel, len(order)))
