@@ -36,6 +36,8 @@ _TIMES = ("velocity", "velocity_squared", "valve_signal")
 #: Periods that are tried beside those that were told: shares of where the joint has been, and one
 #: and two per turn. No sensor's error takes longer than a turn, or on a slide than the last share.
 _OF_RANGE, _TURN = (0.25, 0.4, 0.6, 1.0, 1.6), 2.0 * math.pi
+#: Steps of the last fit at most: phase and period go together, and it ends where none is left.
+_PASSES = 12
 #: Deviations that an error is large, and the share of what moves by which it may misread.
 _DEVIATIONS, _STEEPEST = 5.0, 0.5
 #: On held-out rows no channel keeps more than this share of what was left, and one of those that
@@ -210,7 +212,7 @@ def _freed(sight: _Sight, whole: Fitted, model: Model, start: OffCentre) -> Fitt
     robot = sight.training.predictor.material.robot
     ends = OFF_CENTRE.parameters[2].lower, sight.longest(start.joint)
     term = term_of(robot, start, _of_periods(*ends))
-    return fit(sight.training, model.with_term(term), whole.bench.noise)
+    return fit(sight.training, model.with_term(term), whole.bench.noise, passes=_PASSES)
 
 
 def _of_periods(lower: float, upper: float) -> Effect:
