@@ -10,7 +10,7 @@ from hydro_ident.mismatch.answer.taken_out import off_words
 from hydro_ident.mismatch.rows.channel_words import ChannelWords
 from hydro_ident.mismatch.rows.state_space import OF_READINGS
 from hydro_ident.mismatch.unnamed.describe import Form, each_form
-from hydro_ident.mismatch.unnamed.unknown import Unexplained
+from hydro_ident.mismatch.unnamed.unknown import HINT, Unexplained
 from hydro_ident.report.figure import unit_text
 from hydro_ident.report.page import also, folded, number, percent, table, written
 
@@ -58,7 +58,6 @@ _TIMES = {
     "velocity": ", in proportion to the {part}'s velocity",
     "velocity_squared": ", in proportion to the square of the {part}'s velocity",
 }
-_READING = " (a position sensor off its centre, whose error repeats, acts so)"
 #: Factors that leave a form's numbers in the channel's own unit.
 _PLAIN = ("", "direction")
 
@@ -92,7 +91,7 @@ def in_words(one: Unexplained, unit: str, words: ChannelWords) -> str:
         how = _FORMS[form.name].format(thing=thing, shape=_with_unit(shape, of_shape))
     elif form is not None or d.period:
         how = f"repeats every {_with_unit(_period(one), of_shape)}{_place(variable, names)}"
-    hint = _READING if d.period and d.times in OF_READINGS else ""
+    hint = f" ({HINT})" if d.period and d.times in OF_READINGS else ""
     said = f"{how}{_TIMES[d.times].format(**names)}{hint}{_size(one, unit)}"
     below = "; a formula of it stands under Parameters" if form is not None else ""
     return (

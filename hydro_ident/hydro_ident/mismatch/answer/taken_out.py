@@ -74,7 +74,7 @@ def _with_told(
         replace(
             one,
             depends_on=_OF_ITS_OWN if one.channel.split("/")[0] in owners else _OF_OTHERS,
-            text=f"{one.text.removesuffix(HINT)}; {because}",
+            text=f"{one.text.removesuffix(f'; {HINT}')}; {because}",
             taken_out=TakenOut(because, *sizes.get(one.channel, (math.nan, math.nan))),
         )
         for name, one in told.items()

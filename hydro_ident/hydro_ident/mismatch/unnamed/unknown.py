@@ -41,7 +41,7 @@ _REPEATS = 5.0
 #: Share of a drift that may seem to repeat over a place.
 _DRIFT_REPEATS = 0.5
 #: What is said of what repeats as a reading's error does.
-HINT = "; a position sensor off its centre, whose error repeats, acts so"
+HINT = "a position sensor off its centre, whose error repeats, acts so"
 #: Variables that a factor is of, where it is one.
 _OF_VELOCITY = ("direction", "velocity", "velocity_squared")
 
@@ -167,7 +167,7 @@ def unexplained(
         text = (
             f"{one.share:.0%} of what is left in {name} follows {_what(words, one)}"
             f" ({one.size:.3g} {unit} rms, {_shape(words, one)}); no effect of the"
-            f" catalogue stands for it{HINT if one.period and one.times in OF_READINGS else ''}"
+            f" catalogue stands for it{_hint(one)}"
         )
         on = (one.variable, *(("piston_velocity",) if one.times in _OF_VELOCITY else ()))
         result[one.channel] = Unexplained(
@@ -261,6 +261,10 @@ def _by_place(one: Dependence, found: Sequence[Dependence]) -> bool:
         and other.share > one.share
         for other in (found if one.period else ())
     )
+
+
+def _hint(one: Dependence) -> str:
+    return f"; {HINT}" if one.period and one.times in OF_READINGS else ""
 
 
 def _what(words: ChannelWords, one: Dependence) -> str:
