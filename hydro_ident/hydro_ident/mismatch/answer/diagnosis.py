@@ -106,7 +106,9 @@ def diagnose(
     lay = partial(residuals, robot, sources, others, surveys, settings)
     held = list[Residuals]()
     try:
-        held += [] if wrong else [work for work in (lay(),) if work is not None]
+        if not wrong and (first := lay()) is not None:
+            held.append(first)
+            del first
     except NotEnoughDataError as error:
         wrong = [str(error)]
     if not held:

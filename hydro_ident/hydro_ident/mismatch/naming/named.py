@@ -212,19 +212,11 @@ def named_of(
         misfit = 0.5 * missed * (1.0 / min(timed, spread) - 1.0 / spread)
         return 0.5 * one.held_out / spread - misfit - costs[id(one)]
 
-    # Neither at the end of its range nor where its size may be anything is a law told from others;
-    # it is never before them, unless they are out of its reach.
-    sure = [c for c in contenders if c.sized and not at_a_bound(c.term)]
-    possible = [own_evidence(c) for c in sure]
-    far = max(possible, default=np.inf) + _FAR_BETTER
-    behind = {
-        id(c): bool(at_a_bound(c.term)) or not (c.sized or own_evidence(c) > far)
-        for c in contenders
-    }
+    told = {id(c): own_evidence(c) for c in contenders}
+    behind, limit = _behind(contenders, told)
 
     def evidence_of(one: Contender) -> float:
-        limit = max(possible) if possible and behind[id(one)] else np.inf
-        return min(own_evidence(one), limit)
+        return min(told[id(one)], limit) if behind[id(one)] else told[id(one)]
 
     ranked = sorted(contenders, key=lambda c: (-evidence_of(c), behind[id(c)]))
     evidence = np.array([evidence_of(c) for c in ranked])
@@ -242,9 +234,27 @@ def named_of(
     names = dict.fromkeys(c.name for c in kept)
     gain = ranked[0].gain
     shares = tuple(total[n] for n in names)
-    told = Named(kept, shares, p, gain, tuple(ranked), own, few=few, allowance=allowance)
+    one = Named(kept, shares, p, gain, tuple(ranked), own, few=few, allowance=allowance)
     # Near a limit either name may be meant.
-    return told.beside(dict.fromkeys(told.modelled.border_names, shares[0]))
+    return one.beside(dict.fromkeys(one.modelled.border_names, shares[0]))
+
+
+def _behind(
+    contenders: Sequence[Contender], evidence: Mapping[int, float]
+) -> tuple[dict[int, bool], float]:
+    """Which contenders are never before those that are told, and the best evidence of these.
+
+    Neither at the end of its range nor where its size may be anything is a law told from others,
+    unless, for its size, they are out of its reach. Without any that is told nothing limits them.
+    """
+    bound = {id(c): bool(at_a_bound(c.term)) for c in contenders}
+    sure = [evidence[id(c)] for c in contenders if c.sized and not bound[id(c)]]
+    limit = max(sure, default=np.inf)
+    behind = {
+        id(c): bound[id(c)] or not (c.sized or evidence[id(c)] > limit + _FAR_BETTER)
+        for c in contenders
+    }
+    return behind, limit
 
 
 def _cost_among(one: Contender, contenders: Sequence[Contender]) -> float:
