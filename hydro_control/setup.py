@@ -1,11 +1,8 @@
 """Package hydro_control (ament_python)."""
 
-from pathlib import Path
-
 from setuptools import find_packages, setup
 
 PACKAGE = "hydro_control"
-HERE = Path(__file__).parent
 
 setup(
     name=PACKAGE,

@@ -1,17 +1,14 @@
 """Package hydro_hw_bridge (ament_python)."""
 
-from pathlib import Path
-
 from setuptools import find_packages, setup
 
 PACKAGE = "hydro_hw_bridge"
-HERE = Path(__file__).parent
 
 setup(
     name=PACKAGE,
     version="0.1.0",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed", "config/*", "rig/truths/*"]},
+    package_data={PACKAGE: ["py.typed", "rig/truths/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

@@ -1,11 +1,8 @@
 """Package hydro_ident (ament_python)."""
 
-from pathlib import Path
-
 from setuptools import find_packages, setup
 
 PACKAGE = "hydro_ident"
-HERE = Path(__file__).parent
 
 setup(
     name=PACKAGE,

@@ -18,13 +18,7 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
         *(
             (f"share/{PACKAGE}/{folder}", sorted(str(p.relative_to(HERE)) for p in files))
-            for folder in (
-                "can",
-                "layouts/foxglove",
-                "layouts/plotjuggler",
-                "layouts/rviz",
-                "layouts/rqt",
-            )
+            for folder in ("can", *(f"layouts/{tool}" for tool in TOOLS))
             if (files := list(HERE.glob(f"{folder}/*")))
         ),
     ],

@@ -11,6 +11,7 @@ import time
 from functools import partial
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import can
@@ -160,9 +161,18 @@ def test_what_waits_is_taken_whatever_it_is(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_a_bus_that_never_rests_is_drained_for_so_long(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bus_module, "_DRAIN_S", 0.02)
-    with open_bus(NAME) as bus:
-        monkeypatch.setattr(bus, "receive", lambda pause_s: message())
+    clock, taken = SimpleNamespace(now_s=0.0), list[float]()
+
+    def frame(pause_s: float) -> can.Message:
+        taken.append(pause_s)
+        clock.now_s += 1.0e-3
+        return message()
+
+    with open_bus(NAME) as bus, monkeypatch.context() as patched:
+        patched.setattr(bus, "receive", frame)
+        patched.setattr(bus_module, "time", SimpleNamespace(monotonic=lambda: clock.now_s))
         bus.drain()
+    assert 20 <= len(taken) <= 21
 
 
 def test_garbage_on_the_port_is_counted_and_survived() -> None:

@@ -1,12 +1,14 @@
 """The device without its bus: determinism, parking, what the instruments report."""
 
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 import pytest
 
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.core import Inputs, RigCore
+from hydro_hw_bridge.rig.pose import tip_frame
 from hydro_hw_bridge.rig.truth import Truth
 from hydro_hw_bridge.rig.truth_files import load_truth
 from hydro_model.robot import FloatArray, Robot
@@ -153,6 +155,24 @@ def test_counter_wraps(robot: Robot) -> None:
     core = RigCore(robot, Truth.ideal(robot), first_counter=(1 << 32) - 1)
     core.actuate(None)
     assert core.readings().counter == 0
+
+
+@pytest.mark.parametrize(("lower", "upper", "begins"), [(-inf, inf, 0.0), (0.5, inf, None)])
+def test_a_dry_joint_without_an_end_has_a_pose(
+    robot: Robot, lower: float, upper: float, begins: float | None
+) -> None:
+    """A swing that turns as often as it likes, and carries no cylinder."""
+    lift, tilt = robot.joints
+    endless = replace(lift, lower=lower, upper=upper)
+    dry = replace(
+        robot, joints=(endless, tilt), cylinders=robot.cylinders[1:], valves=robot.valves[1:]
+    )
+    core = RigCore(dry, Truth.ideal(dry))
+    begun = core.plant.state[0]
+    assert begun == pytest.approx(0.5 * (lower + np.pi) if begins is None else begins)
+    aim = np.array([1.2, -1.5])
+    found = RigCore(dry, Truth.ideal(dry), tip_m=tip_frame(dry, aim)[0].tolist())
+    np.testing.assert_allclose(found.plant.state[:2], aim, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ def test_counts_per_revolution_are_no_resolution_of_a_slide(robot: Robot, crane_
     assert noise[0][0] == pytest.approx(2.0 * math.pi / 4096 / math.sqrt(12.0), rel=0.01)
     assert noise[1][0] < 0.1 * noise[0][0]
     assert noise[0][1] == noise[1][1]
-    assert noise[0][1] == pytest.approx(STEP_M / math.sqrt(12.0), rel=0.5)
+    assert noise[0][1] == pytest.approx(STEP_M / math.sqrt(12.0), rel=1e-9)
     for one, expected in zip((coarse, fine), noise, strict=True):
         survey = _seen(one, crane_run)
         assert sensor_noise(one, survey)[:2] == pytest.approx(expected)

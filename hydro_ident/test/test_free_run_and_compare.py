@@ -297,11 +297,15 @@ def test_pins_calibrated_again_are_compared_and_said(field: str, off: float) -> 
 
 
 @pytest.mark.parametrize("field", ["bore_m", "x0_m"])
-def test_micrometres_are_the_same_cylinder(field: str) -> None:
+def test_micrometres_are_the_same_cylinder_and_said(field: str) -> None:
     robot = load_robot("xs031")
     lift, tilt = robot.cylinders
     other = replace(lift, **{field: getattr(lift, field) + 2e-6})
-    compare(replace(robot, cylinders=(other, tilt)), robot, [], "old")
+    found = compare(replace(robot, cylinders=(other, tilt)), robot, [], "old")
+    assert found.changes == ()
+    [note] = found.notes
+    assert note.startswith(f"lift_cylinder: {field} ")
+    assert "near enough to be compared" in note
 
 
 def test_the_pins_direction_counts_where_bodies_hang_on_it(robot: Robot) -> None:

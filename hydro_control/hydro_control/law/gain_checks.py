@@ -15,7 +15,7 @@ from hydro_control.gains import Gains
 from hydro_control.law.law import ControlLaw
 from hydro_control.motion.required_motion import Reference
 from hydro_control.state.filters import time_constant_s
-from hydro_model.multibody.joint_ranges import limits
+from hydro_model.multibody.joint_ranges import middle
 from hydro_model.robot import FloatArray, Robot
 
 #: Share of the rated voltage that one count of an encoder may ask for.
@@ -72,7 +72,7 @@ def count_shares(robot: Robot, gains: Gains) -> FloatArray:
     robot : Robot
     gains : Gains
     """
-    pose = limits(robot).mean(axis=1)
+    pose = middle(robot)
     count = 2.0 * math.pi / robot.sensors.encoder_counts_per_rev
     shares = []
     for i, joint in enumerate(robot.joints):

@@ -108,7 +108,8 @@ PARAMETERS = (
         "following_error_s",
         _FOLLOWING.time_s,
         "s",
-        "how long; headway is a twentieth of what the joint's velocity limit allows in that time",
+        "time without headway after which the motion ends; headway is a twentieth of what the"
+        " joint's velocity limit allows in that time",
         0.05,
         60,
     ),

@@ -68,7 +68,7 @@ def test_a_loop_that_is_held_is_told_and_does_not_hold_the_node(
         held.set()
         go.wait(patience_s)
 
-    monkeypatch.setattr(hot_path, "JOIN_S", 0.1, raising=False)
+    monkeypatch.setattr(hot_path, "JOIN_S", 0.1)
     monkeypatch.setattr(RealTime, "idle", hold)
     for trigger in (node.trigger_configure, node.trigger_activate):
         assert trigger() is TransitionCallbackReturn.SUCCESS

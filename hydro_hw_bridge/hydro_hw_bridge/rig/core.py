@@ -12,7 +12,7 @@ from hydro_hw_bridge.rig.amplifier import Amplifier
 from hydro_hw_bridge.rig.instruments import Instruments, Measurement
 from hydro_hw_bridge.rig.payload import Payload
 from hydro_hw_bridge.rig.plant import Plant
-from hydro_hw_bridge.rig.pose import joints_for_tip
+from hydro_hw_bridge.rig.pose import joints_for_tip, middle_pose
 from hydro_hw_bridge.rig.truth import Truth
 from hydro_model.robot import FloatArray, Robot
 
@@ -260,7 +260,7 @@ def _initial_pose(
         return _checked_pose(robot, q)
     if tip_m is not None:
         return joints_for_tip(robot, np.asarray(tip_m, dtype=float))
-    return np.array([0.5 * (j.lower + j.upper) for j in robot.joints])
+    return middle_pose(robot)
 
 
 def _checked_pose(robot: Robot, q: Sequence[float]) -> FloatArray:

@@ -120,11 +120,6 @@ class Plant:
         return self._block(1)
 
     @property
-    def bristles(self) -> FloatArray:
-        """Bristle deflections by cylinder (m,), m: a view."""
-        return self._block(2)
-
-    @property
     def spools(self) -> FloatArray:
         """Spool positions by cylinder (m,), in [-1, 1]: a view."""
         return self._block(3)

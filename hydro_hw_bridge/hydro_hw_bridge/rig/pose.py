@@ -12,6 +12,19 @@ from hydro_model.robot import FloatArray, Robot
 TOLERANCE_M = 1.0e-10
 STARTS_PER_JOINT = (0.5, 0.2, 0.8)
 MAX_STARTS = 81
+#: A joint without an end is looked for, and begins, within half a turn, or this many metres.
+ENDLESS_M = 1.0
+
+
+def middle_pose(robot: Robot) -> FloatArray:
+    """The middle of every joint's range, (n,), rad or m; 0 of one without an end.
+
+    Parameters
+    ----------
+    robot : Robot
+    """
+    lower, upper = _ranges(robot)
+    return np.asarray(0.5 * (lower + upper))
 
 
 def tip_frame(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -57,8 +70,7 @@ def joints_for_tip(robot: Robot, tip_m: FloatArray) -> FloatArray:
     BridgeError
         No pose within the joint limits reaches it.
     """
-    lower = np.array([j.lower for j in robot.joints])
-    upper = np.array([j.upper for j in robot.joints])
+    lower, upper = _ranges(robot)
     starts = itertools.product(STARTS_PER_JOINT, repeat=robot.dof)
     closest = np.inf
     for shares in itertools.islice(starts, MAX_STARTS):
@@ -73,6 +85,14 @@ def joints_for_tip(robot: Robot, tip_m: FloatArray) -> FloatArray:
         f"robot {robot.name}: no pose within the joint limits puts the tip at"
         f" {np.array2string(np.asarray(tip_m), precision=3)} m ({far})"
     )
+
+
+def _ranges(robot: Robot) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper end of every joint, finite, (n,) each, rad or m."""
+    reach = np.array([ENDLESS_M if j.prismatic else np.pi for j in robot.joints])
+    lower = np.array([j.lower for j in robot.joints])
+    upper = np.array([j.upper for j in robot.joints])
+    return np.where(np.isfinite(lower), lower, -reach), np.where(np.isfinite(upper), upper, reach)
 
 
 def _descend(robot: Robot, target: FloatArray, q: FloatArray) -> tuple[FloatArray, float]:
@@ -95,7 +115,7 @@ def _descend(robot: Robot, target: FloatArray, q: FloatArray) -> tuple[FloatArra
                 break
     # Whole turns more or less are the same pose.
     turns = [0.0 if j.prismatic else 2.0 * np.pi for j in robot.joints]
-    middle = [0.5 * (j.lower + j.upper) for j in robot.joints]
+    middle = middle_pose(robot)
     wrapped = [
         v if turn == 0.0 else v - turn * np.rint((v - mid) / turn)
         for v, turn, mid in zip(q, turns, middle, strict=True)

@@ -18,6 +18,7 @@ from hydro_ident.estimate.forces.inertial import ForceModel, Motion, force_colum
 from hydro_ident.estimate.signals.derivatives import FilterSettings, parallel_filter
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_model.hydraulics.cylinder import lever, stroke
+from hydro_model.multibody.joint_ranges import middle
 from hydro_model.multibody.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray, Robot
 
@@ -82,10 +83,7 @@ class ForceInformation:
             if pressure > 0.0:
                 spans[j] = pressure * (cylinder.area_a_m2 + cylinder.area_b_m2)
             else:
-                arm = np.abs(
-                    lever(cylinder, 0.5 * (robot.joints[j].lower + robot.joints[j].upper))
-                )
-                spans[j] /= float(arm)
+                spans[j] /= abs(float(lever(cylinder, middle(robot)[j])))
         return np.asarray(self.residual.force_share * spans)
 
     def columns(

@@ -15,7 +15,7 @@ from hydro_ident.report.palette import BEFORE, INK, joint_colour
 from hydro_ident.robots.robot_ranges import drawn_poses
 from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.multibody.closed_chain import part_places
-from hydro_model.multibody.joint_ranges import limits
+from hydro_model.multibody.joint_ranges import limits, middle
 from hydro_model.multibody.kinematics import link_frames, tip_position
 from hydro_model.robot import Cylinder, FloatArray, Robot
 
@@ -61,8 +61,8 @@ def plane_of(robot: Robot) -> Plane:
     -------
     Plane
     """
-    middle = limits(robot).mean(axis=1)
-    _, rotations = link_frames(robot, middle)
+    pose = middle(robot)
+    _, rotations = link_frames(robot, pose)
     axes = [
         turn @ joint.axis
         for joint, turn in zip(robot.joints, rotations, strict=True)
@@ -77,7 +77,7 @@ def plane_of(robot: Robot) -> Plane:
     else:
         slide = rotations[0] @ robot.joints[0].axis
         across = _unit(slide - (slide @ up) * up, np.array([1.0, 0.0, 0.0]))
-    if tip_position(robot, middle) @ across < 0.0:
+    if tip_position(robot, pose) @ across < 0.0:
         across = -across
     return Plane(across, np.asarray(_unit(up - (up @ across) * across, up)))
 
@@ -178,7 +178,7 @@ def _reach(robot: Robot, plane: Plane) -> Figure:
     note = "Joint positions drawn at random within the limits."
     if plane.depth(tips) > FLAT_M:
         note += " The tip leaves this plane: what is seen is its projection."
-    origins, _ = link_frames(robot, limits(robot).mean(axis=1))
+    origins, _ = link_frames(robot, middle(robot))
     traces = [
         _marks("tip", plane, tips, BEFORE, "circle", 4),
         _marks("first joint", plane, origins[:1], INK, "circle-open", 12),

@@ -1,6 +1,6 @@
 """Do nominal 95 % intervals hold where residuals are strongly autocorrelated?
 
-    python -m hydro_ident.study.coverage [--count 200] [--seed 0]
+    python -m hydro_ident.study.coverage [--count 200] [--seed 0] [--estimator robust]
 
 Simulated recordings of the crane xs031 on a designed excitation, with residual noise that is
 autoregressive, AR(0.98), from row to row of the regression or from sample to sample (500 Hz, then
@@ -222,10 +222,13 @@ def _summary(
     ]
 
 
-def study(count: int, seed: int) -> list[Coverage]:
-    """Every parameter, duration and kind of noise."""
+def study(count: int, seed: int, estimator: Estimator | None = None) -> list[Coverage]:
+    """Every parameter, duration and kind of noise; by an `estimator` the forces' alone."""
     robot = load_robot("xs031")
-    found = []
+    found: list[Coverage] = []
+    if estimator is not None:
+        motion = DesignedMotion.of(robot, DURATIONS_S[0])
+        return [c for k in KINDS for c in force_coverage(motion, k, count, seed, estimator)]
     for duration_s in DURATIONS_S:
         motion = DesignedMotion.of(robot, duration_s)
         for kind in KINDS:
@@ -255,8 +258,13 @@ def _run(arguments: Sequence[str]) -> int:
     parser = Parser(prog="coverage", description=__doc__)
     parser.add_argument("--count", type=int, default=200, help="recordings per case")
     parser.add_argument("--seed", type=int, default=0, help="which recordings (%(default)s)")
+    parser.add_argument(
+        "--estimator",
+        choices=("robust", "iv"),
+        help="of the forces alone, on the shortest recordings",
+    )
     options = parser.parse_args(arguments)
-    found = study(options.count, options.seed)
+    found = study(options.count, options.seed, options.estimator)
     shares = [c.covered for c in found]
     print("% covered (of the iid formula, factor of the width)")
     print(table(found))

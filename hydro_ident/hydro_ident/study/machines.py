@@ -14,7 +14,8 @@ import numpy as np
 import yaml
 
 from hydro_ident.errors import IdentError
-from hydro_model.robot import FloatArray, Robot
+from hydro_model.multibody.joint_ranges import middle
+from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 
 #: Shares of cranes with one, two and three joints.
@@ -102,7 +103,7 @@ def _strong(robot: Robot) -> bool:
 
     axes = [np.linspace(j.lower + 0.1, j.upper - 0.1, 7) for j in robot.joints]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, robot.dof)
-    grid = np.concatenate([middle_pose(robot)[None], grid])
+    grid = np.concatenate([middle(robot)[None], grid])
     still = np.zeros_like(grid)
     ratios = limit_ratios(robot, Limits(force=0.8), grid, still, still)
     fine = ratios.max(axis=1) <= 1.0
@@ -298,8 +299,3 @@ def _urdf(name: str, links: list[_Link], reach: float) -> str:
         "</robot>",
     ]
     return "\n".join(lines) + "\n"
-
-
-def middle_pose(robot: Robot) -> FloatArray:
-    """The middle of the joints' ranges."""
-    return np.array([0.5 * (j.lower + j.upper) for j in robot.joints])

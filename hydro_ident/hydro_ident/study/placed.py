@@ -32,8 +32,12 @@ def placed(page: str, content: str, begin: str, end: str) -> str:
     """
     before, found, rest = page.partition(begin)
     _, closed, after = rest.partition(end)
-    if not found or not closed:
-        raise IdentError(f"expected '{begin}' and '{end}' in the page, found neither")
+    lacking = [mark for mark, there in ((begin, found), (end, closed)) if not there]
+    if lacking:
+        raise IdentError(
+            f"expected the marks '{begin}' and '{end}' in the page, in this order, found no"
+            f" '{lacking[0]}'"
+        )
     return f"{before}{begin}\n\n{content}\n{end}{after}"
 
 

@@ -12,7 +12,7 @@ from hydro_ident.mismatch.answer.outcome import Finding
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.naming.name import Search
-from hydro_ident.mismatch.naming.named import named_of
+from hydro_ident.mismatch.naming.named import Named, named_of
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.mismatch.trials.contender import Contender
 from hydro_ident.mismatch.verifying.verify import Verification
@@ -75,21 +75,26 @@ def test_what_acts_elsewhere_or_not_at_all_undoes_nothing(rubbing: Residuals) ->
     assert cancelled(rubbing, whole, found) == []
 
 
-def test_neither_is_among_what_is_confirmed(
+def test_of_two_that_undo_one_another_the_weaker_goes_first(
     rubbing: Residuals, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Though held-out rows would confirm each beside the other."""
+    """Though held-out rows would confirm each beside the other; what is left is checked alone."""
     whole, found = _findings(rubbing, _bias(), _offset(1.0))
     whole = replace(fit(rubbing.training, whole.model), model=whole.model)
-    monkeypatch.setattr(
-        confirmation,
-        "_checked",
-        lambda work, w, there, named, tried: Finding(named, STANDS, ("lift/force",)),
-    )
+    beside: list[int] = []
+
+    def checked(work: Residuals, now: Fitted, there: object, named: Named, tried: int) -> Finding:
+        beside.append(len(now.model.terms))
+        return Finding(named, STANDS, ("lift/force",))
+
+    monkeypatch.setattr(confirmation, "_checked", checked)
     monkeypatch.setattr(confirmation, "settled", lambda training, fitted: fitted)
     monkeypatch.setattr(confirmation, "from_one_delay", lambda training, fitted: fitted)
     monkeypatch.setattr(confirmation, "fit", lambda training, model, passes: whole)
     search = Search(rubbing.base, whole, tuple(f.named for f in found), ())
     _, findings, rejected = confirmation._confirmed(rubbing, search)
-    assert any("undoes it" in f.verification.reason for f in rejected)
-    assert len(findings) <= 1
+    assert [f.named.term.effect.name for f in findings] == ["constant_force_offset"]
+    [gone] = rejected
+    assert gone.named.term.effect.name == "pressure_sensor_bias"
+    assert "undoes it" in gone.verification.reason
+    assert beside == [2, 2, 1]

@@ -11,7 +11,7 @@ from hydro_model.errors import RobotError
 from hydro_model.motion.paths import JointPath, TipPath
 from hydro_model.motion.paths_segments import Sample
 from hydro_model.motion.row_pieces import always
-from hydro_model.multibody.joint_ranges import limits
+from hydro_model.multibody.joint_ranges import limits, middle
 from hydro_model.multibody.kinematics import tip_position, tip_state
 from hydro_model.robot import FloatArray, Robot
 
@@ -141,9 +141,8 @@ def joint_motion(
 def _spread(robot: Robot, path: JointPath, sample: Sample, near: FloatArray | None) -> Sample:
     """The samples of some joints in columns of all, the others at rest."""
     columns = [robot.joint_index(name) for name in path.joints]
-    middle = limits(robot).mean(axis=1)
     shape = (len(sample[0]), robot.dof)
-    q = np.tile(middle if near is None else np.asarray(near, dtype=float), (shape[0], 1))
+    q = np.tile(middle(robot) if near is None else np.asarray(near, dtype=float), (shape[0], 1))
     qd, qdd = np.zeros(shape), np.zeros(shape)
     q[:, columns], qd[:, columns], qdd[:, columns] = sample
     return q, qd, qdd
