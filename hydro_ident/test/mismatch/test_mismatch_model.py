@@ -18,7 +18,8 @@ from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
 from hydro_ident.recordings.sources import sources_of
 from hydro_ident.transducers import zero_pa
-from hydro_model.robot import Robot
+from hydro_model.effects.catalogue import resolve
+from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
 MASS_KG, VISCOUS = 95.0, 215.0
@@ -127,3 +128,19 @@ def test_a_kept_base_is_written_as_far_as_it_moved(make_run: Any) -> None:
     silent = replace(given, base_covariance=None)
     held = robot_of(predictor, work.base, silent, fixed_base=True).robot
     assert held.base_parameters == given.base_parameters
+
+
+def test_a_delay_that_was_found_is_told_with_what_the_base_has_of_it(rubbing: Residuals) -> None:
+    """Up to a cycle is fitted and no finding: the two stand in two places of the model."""
+    robot = load_robot("xs031")
+    late = resolve(
+        replace(robot, effects=(EffectSpec("command_delay", "xs031", {"delay": 4e-3}),))
+    )
+    whole = replace(rubbing.base, model=rubbing.base.model.with_term(late[0]))
+    found = robot_of(rubbing.training.predictor, whole, robot)
+    [told] = [note for note in found.notes if note.startswith("commands of xs031")]
+    base_s = found.robot.command_delay_s
+    assert f"are {1e3 * (base_s + 4e-3):.3g} ms late in all: {1e3 * base_s:.3g} ms of" in told
+    assert not any(
+        "late in all" in n for n in robot_of(rubbing.training.predictor, rubbing.base, robot).notes
+    )

@@ -98,7 +98,7 @@ def robot_of(
         effects=effects,
     )
     skews = _skew_notes(predictor, fitted, std)
-    return Modelled(whole, (*notes, *refused, *differ, *skews))
+    return Modelled(whole, (*notes, *refused, *differ, *_late_notes(whole), *skews))
 
 
 def _cylinders(
@@ -178,6 +178,18 @@ def _delay(
     found = ", ".join(f"{1e3 * value:.2g}" for value in own)
     note = f"the valves' command delays differ ({found} ms): the model has their mean"
     return float(np.mean(own)), (note,)
+
+
+def _late_notes(robot: Robot) -> tuple[str, ...]:
+    """How late commands are in all: of it a finding has what goes beyond the base's own delay."""
+    base_s = robot.command_delay_s
+    return tuple(
+        f"commands of {one.target} are {1e3 * (base_s + one.parameters['delay']):.3g} ms late in"
+        f" all: {1e3 * base_s:.3g} ms of command_delay_s, which is fitted and no finding, and what"
+        " command_delay adds"
+        for one in robot.effects
+        if one.name == DELAY
+    )
 
 
 def _skew_notes(predictor: Predictor, fitted: Fitted, std: Mapping[str, float]) -> tuple[str, ...]:
