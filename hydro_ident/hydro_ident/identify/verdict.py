@@ -15,12 +15,11 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.estimate.flows.chambers import EDGES, INVERSE_BULK
 from hydro_ident.estimate.flows.cylinder_fit import CylinderFit
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit
-from hydro_ident.estimate.forces.inertial import InertialFit
+from hydro_ident.estimate.forces.inertial import InertialFit, force_model
 from hydro_ident.identify.continuity import Continuity, broken_up, partly_read
 from hydro_ident.inspecting.mistaken_pressures import CONTRACT, mistaken_notes
 from hydro_model.description.robot_checks import LIMITS_SLACK
 from hydro_model.hydraulics.cylinder import stroke
-from hydro_model.multibody.base_parameters import base_map
 from hydro_model.robot import Robot
 
 IDENTIFIED, PARTLY, NOT_ENOUGH = "identified", "partly_identified", "not_enough_data"
@@ -227,9 +226,7 @@ def _no_forces(
     continuities: Sequence[Continuity],
     usable: str,
 ) -> str:
-    names = [*base_map(robot).names, *(f"{c.name}.viscous_friction" for c in robot.cylinders)]
-    names += [f"{robot.joint_names[j]}.viscous_friction" for j in robot.dry_joints]
-    costs = f"{', '.join(names)} cannot be identified"
+    costs = f"{', '.join(force_model(robot).names)} cannot be identified"
     forces = {f"{joint}/{kind}" for joint in robot.joint_names for kind in ("force", "torque")}
     lost = [{loss.channel for loss in recording.losses} & forces for recording in recordings]
     measured = any(

@@ -28,6 +28,7 @@ from hydro_ident.estimate.statistics.rows import Rows
 from hydro_model.hydraulics.cylinder import lever, piston_force
 from hydro_model.multibody.base_parameters import BaseMap, base_map
 from hydro_model.multibody.rigid_body import regressor
+from hydro_model.multibody.square_axes import squared
 from hydro_model.robot import FloatArray, Robot
 
 
@@ -144,10 +145,14 @@ def force_model(
     Returns
     -------
     ForceModel
+        Base parameters are those of the robot with axes that are as good as parallel or square
+        taken for that (`hydro_model.multibody.square_axes`): what shows by the rounding of an
+        angle alone is none.
     """
     driven = set() if torque else {cylinder.joint for cylinder in robot.cylinders}
     channels = tuple(f"{j}/{'force' if j in driven else 'torque'}" for j in robot.joint_names)
-    base = base_map(robot) if parts else base_map(robot).of_links
+    base = base_map(squared(robot)[0])
+    base = base if parts else base.of_links
     movers = [c.name for c in robot.cylinders] + [robot.joint_names[j] for j in robot.dry_joints]
     friction = tuple(f"{name}.viscous_friction" for name in movers)
     names = (*base.names, *friction, *effect_names)

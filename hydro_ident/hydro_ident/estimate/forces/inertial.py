@@ -24,6 +24,7 @@ from hydro_ident.estimate.forces.force_rows import (
 )
 from hydro_ident.estimate.forces.listed_values import keep_listed
 from hydro_ident.estimate.forces.standstill import rests_of, still_joints
+from hydro_ident.estimate.forces.tilts import keep_tilted
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.traces import Trace
@@ -178,6 +179,7 @@ def inertial_fit(
     fit, held = fit_with_parts(model.robot, model.base, len(model.names), fit_free)
     bounds = parameter_bounds(model)
     determined = partial(identifiable_parameters, model)
+    fit, held = keep_tilted(model, fit, held, fit_free, determined)
     fit, held = keep_listed(model, fit, held, fit_free, determined)
     if beside:
         held = (*held, *beside)

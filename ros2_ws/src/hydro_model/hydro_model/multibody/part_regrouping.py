@@ -86,7 +86,10 @@ def _independent(
     of_links = columns[:, leading]
     basis = np.linalg.qr(of_links / np.linalg.norm(of_links, axis=0))[0]
     norms = np.linalg.norm(columns[:, candidates], axis=0)
-    unit = columns[:, candidates] / np.where(norms > 0.0, norms, 1.0)
+    # Of a turned axis the cosine of a right angle is no zero: a column of nothing but rounding.
+    there = norms > _TOLERANCE * norms.max()
+    norms = np.where(there, norms, 0.0)
+    unit = np.where(there, columns[:, candidates], 0.0) / np.where(there, norms, 1.0)
     left = unit - basis @ (basis.T @ unit)
     left -= basis @ (basis.T @ left)
     chosen: list[int] = []
