@@ -23,6 +23,7 @@ from hydro_ident.estimate.forces.force_rows import (
     measured_force,
 )
 from hydro_ident.estimate.forces.listed_values import keep_listed
+from hydro_ident.estimate.forces.plausible_sizes import parameter_scales
 from hydro_ident.estimate.forces.standstill import rests_of, still_joints
 from hydro_ident.estimate.forces.tilts import keep_tilted
 from hydro_ident.estimate.signals.derivatives import FilterSettings
@@ -38,9 +39,7 @@ from hydro_ident.estimate.statistics.least_squares import (
 from hydro_ident.estimate.statistics.moments import Moments
 from hydro_ident.estimate.statistics.regression import Solution, solve_wls
 from hydro_model.arrays import IndexArray
-from hydro_model.hydraulics.cylinder import lever
-from hydro_model.multibody.joint_ranges import limits
-from hydro_model.robot import FloatArray, Joint
+from hydro_model.robot import FloatArray
 
 __all__ = [
     "ForceModel",
@@ -56,9 +55,6 @@ __all__ = [
     "parameter_bounds",
     "parameter_scales",
 ]
-
-#: A robot file of less mass states none. Values of so many deviations show what there is.
-LEAST_MASS_KG, CLEAR_DEVIATIONS = 1.0, 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +173,7 @@ def inertial_fit(
         return fit_of_solution(solve(part), part, count)
 
     fit, held = fit_with_parts(model.robot, model.base, len(model.names), fit_free)
-    bounds = parameter_bounds(model)
+    bounds = parameter_bounds(model, fit)
     determined = partial(identifiable_parameters, model)
     fit, held = keep_tilted(model, fit, held, fit_free, determined)
     fit, held = keep_listed(model, fit, held, fit_free, determined)
@@ -190,9 +186,9 @@ def inertial_fit(
     return InertialFit(model, fit, known, still, settings, held, rejected)
 
 
-def parameter_bounds(model: ForceModel) -> tuple[Bounds, ...]:
-    """Physical bounds of every parameter."""
-    scales = parameter_scales(model)
+def parameter_bounds(model: ForceModel, fit: Fit) -> tuple[Bounds, ...]:
+    """Physical bounds of every parameter, with sizes of what was found where a file has less."""
+    scales = _scales(model, fit)
     return force_bounds(model.names, model.base.names, model.effect_names, scales)
 
 
@@ -216,7 +212,7 @@ def identifiable_parameters(
     degenerate exactly), and its standard deviation stays below what the parameter could be at
     most on a machine of this size (`parameter_scales`). What was held is not determined.
     """
-    scales = parameter_scales(model, fit.theta, fit.std)
+    scales = _scales(model, fit)
     scales[[part.index for part in held]] = 0.0
     return tuple(
         bool(c < MAX_COLLINEARITY and s < scale)
@@ -224,64 +220,7 @@ def identifiable_parameters(
     )
 
 
-def parameter_scales(
-    model: ForceModel, theta: FloatArray | None = None, std: FloatArray | None = None
-) -> FloatArray:
-    """Largest plausible size of every parameter: total mass times powers of the reach.
-
-    The mass is the robot file's or, where that has none, what found values show of it.
-
-    For friction, the force limit of the joint (its cylinder) over its rated speed, infinity where
-    either has no limit; for effects, infinity (their bounds are the catalogue's).
-
-    Parameters
-    ----------
-    model : ForceModel
-    theta, std : array, optional
-        Values that were found and their deviations, base parameters first.
-
-    Returns
-    -------
-    (p,) array
-    """
-    robot = model.robot
-    reach = sum(float(np.linalg.norm(j.translation_m)) for j in robot.joints)
-    reach = max(reach + float(np.linalg.norm(robot.tip_offset_m)), 0.1)
-    per_mass = [reach ** _power(name) for name in model.base.names]
-    given = float(robot.link_inertia[:, 0].sum())
-    mass = max(given, LEAST_MASS_KG)
-    if given < LEAST_MASS_KG and theta is not None and std is not None:
-        mass = max([mass, *_shown_masses(np.array(per_mass), theta, std)])
-    scales = [mass * one for one in per_mass]
-    for cylinder in robot.cylinders:
-        at = robot.joint_index(cylinder.joint)
-        lower, upper = limits(robot)[at].tolist()
-        arm = float(np.abs(lever(cylinder, np.linspace(lower, upper, 21))).max())
-        scales.append(_friction_scale(robot.joints[at], arm))
-    scales += [_friction_scale(robot.joints[j]) for j in robot.dry_joints]
-    return np.array([*scales, *[np.inf] * len(model.effect_names)])
-
-
-def _power(name: str) -> int:
-    """Power of a length in a base parameter: 0 of a mass, 1 of a moment, 2 of an inertia."""
-    kind = name.rsplit(".", 1)[-1]
-    return 0 if kind == "mass" else 1 if kind.startswith("mc") else 2
-
-
-def _shown_masses(per_mass: FloatArray, theta: FloatArray, std: FloatArray) -> list[float]:
-    """Masses in kg that there must be at least, by base parameters that are clearly not zero.
-
-    A fit to hardly any motion finds large values of a few deviations.
-    """
-    size, deviation = np.abs(theta[: per_mass.size]), std[: per_mass.size]
-    clear = np.isfinite(size) & (size > CLEAR_DEVIATIONS * deviation)
-    shown: list[float] = (size[clear] / per_mass[clear]).tolist()
-    return shown
-
-
-def _friction_scale(joint: Joint, arm_m: float = 1.0) -> float:
-    """Force limit over rated speed of a joint, or of the cylinder with this lever on it."""
-    # An unlimited joint says nothing about the size of its friction.
-    if not np.isfinite([joint.effort_limit, joint.velocity_limit]).all():
-        return float(np.inf)
-    return joint.effort_limit / arm_m / (joint.velocity_limit * arm_m)
+def _scales(model: ForceModel, fit: Fit) -> FloatArray:
+    """Of a column among the others' least squares takes the shortest solution, with its errors."""
+    std = np.where(fit.collinearity < MAX_COLLINEARITY, fit.std, np.inf)
+    return parameter_scales(model, fit.theta, std)

@@ -121,7 +121,7 @@ def early_forces(fit: InertialFit, gathered: Sequence[Moments]) -> tuple[LateFor
     gathered : sequence of Moments
         Of `late_rows`, by recording.
     """
-    bounds, names, own = parameter_bounds(fit.model), fit.model.names, fit.fit
+    bounds, names, own = parameter_bounds(fit.model, fit.fit), fit.model.names, fit.fit
     found = []
     for one in late_forces(fit, gathered, [0.0] * len(names)) if gathered else ():
         at = names.index(one.friction)
