@@ -30,6 +30,7 @@ from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.moments import Moments
 from hydro_ident.estimate.statistics.rows import Rows
+from hydro_ident.identify.identified_robot import with_fitted_base
 from hydro_ident.parameters.parameters import listed_value
 from hydro_ident.recordings.cleaning import Cleaner
 from hydro_model.robot import FloatArray, Robot
@@ -203,7 +204,9 @@ def channel_scores(
     used = {name for _, tallies in recordings for name, tally in tallies.items() if tally.count}
     if plan.inertial is not None and used & set(plan.inertial.model.channels):
         model = plan.inertial.model
-        noise = force_noise(model, signals, plan.filters)
+        # Positions' noise weighs as the inertia that is multiplied with it: what was fitted.
+        fitted = with_fitted_base(plan.robot, plan.inertial)
+        noise = force_noise(model, signals, plan.filters, fitted)
         units |= dict(zip(model.channels, model.units, strict=True))
         floors |= dict(zip(model.channels, noise.tolist(), strict=True))
     if plan.hydraulic is not None:

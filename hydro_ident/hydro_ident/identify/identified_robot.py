@@ -66,7 +66,7 @@ def identified_robot(
         for j in robot.joints
     )
     if inertial is not None:
-        robot = _with_base_parameters(robot, inertial)
+        robot = with_fitted_base(robot, inertial)
     return replace(
         robot,
         joints=joints,
@@ -78,7 +78,20 @@ def identified_robot(
     )
 
 
-def _with_base_parameters(robot: Robot, inertial: InertialFit) -> Robot:
+def with_fitted_base(robot: Robot, inertial: InertialFit) -> Robot:
+    """A robot with the base parameters of a fit, those that it does not determine as given.
+
+    Parameters
+    ----------
+    robot : Robot
+        As given.
+    inertial : InertialFit
+        Whether or not it was rejected.
+
+    Returns
+    -------
+    Robot
+    """
     base = inertial.model.base
     count = len(base.names)
     known = np.array(inertial.identifiable[:count])
