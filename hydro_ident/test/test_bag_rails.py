@@ -129,7 +129,7 @@ def test_an_effort_of_zero_is_not_measured(
         read_recording(write_bag(c, name=name), robot)
         for c, name in ((filled, "zero"), (absent, "none"))
     )
-    assert losses(zero)["tilt/torque"] == "effort of tilt reads 0 throughout while tilt moves"
+    assert losses(zero)["tilt/torque"] == "effort of tilt reads 0 throughout while the robot moves"
     assert set(losses(zero)) == set(losses(none))
     assert "lift/torque" not in losses(zero)
     np.testing.assert_array_equal(zero.effort, none.effort)
@@ -137,6 +137,23 @@ def test_an_effort_of_zero_is_not_measured(
     nothing = read_recording(write_bag(everywhere, name="nothing"), robot)
     assert nothing.effort is None
     assert "reads 0 throughout" in losses(nothing)["lift/torque"]
+
+
+@pytest.mark.parametrize("reading", [0.0, 12.5])
+def test_nor_is_a_constant_effort_of_a_parked_joint_while_another_moves(
+    write_bag: Callable[..., Path],
+    run_columns: Callable[[int], dict],
+    robot: Robot,
+    reading: float,
+) -> None:
+    columns = still_at(dry(run_columns(1000)), "/joint_states", "effort", 1, reading)
+    parked = still_at(columns, "/joint_states", "position", 1, -1.2)
+    found = read_recording(write_bag(parked, name="parked"), robot)
+    told = f"effort of tilt reads {reading:g} throughout while the robot moves"
+    assert losses(found)["tilt/torque"] == told
+    assert found.effort is not None
+    assert np.isnan(found.effort[:, 1]).all()
+    assert np.isfinite(found.effort[:, 0]).all()
 
 
 @pytest.mark.parametrize(("absolute_pa", "told"), [(0.0, "0"), (25.5e6, "255")])
@@ -177,7 +194,8 @@ def test_a_reading_that_does_not_change_while_nothing_moves_is_kept(
     write_bag: Callable[..., Path], run_columns: Callable[[int], dict], robot: Robot
 ) -> None:
     columns = still_at(dry(run_columns(1000)), "/joint_states", "effort", 1, 0.0)
-    columns = still_at(columns, "/joint_states", "position", 1, -1.2)
+    for joint, at in enumerate((0.5, -1.2)):
+        columns = still_at(columns, "/joint_states", "position", joint, at)
     recording = read_recording(write_bag(columns), robot)
     assert "tilt/torque" not in losses(recording)
     assert recording.effort is not None

@@ -176,5 +176,5 @@ def test_zeros_of_an_endless_joints_torque_are_not_measured(
     columns = {"/joint_states": (names, fields | {"effort": effort})}
     recording = read_recording(write_bag(columns), endless)
     lost = {loss.channel: loss.reason for loss in recording.losses}
-    assert lost["tilt/torque"] == "effort of tilt reads 0 throughout while tilt moves"
+    assert lost["tilt/torque"] == "effort of tilt reads 0 throughout while the robot moves"
     assert "lift/torque" not in lost

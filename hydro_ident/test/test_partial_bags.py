@@ -272,7 +272,7 @@ def test_an_effort_of_zero_is_worth_as_much_as_none(short_run, identify_bag) -> 
         found.append(identify_bag(columns, name=name)[1])
     none, zero = found
     assert lost(none)["tilt/torque"] == "no effort of tilt in /joint_states"
-    assert lost(zero)["tilt/torque"] == "effort of tilt reads 0 throughout while tilt moves"
+    assert lost(zero)["tilt/torque"] == "effort of tilt reads 0 throughout while the robot moves"
     assert set(lost(zero)) == set(lost(none))
     assert (zero["channels"], values(zero)) == (none["channels"], values(none))
 

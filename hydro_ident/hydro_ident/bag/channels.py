@@ -154,7 +154,7 @@ def _torque_losses(
         reading = dead.get(f"{joint} effort") if _missing(effort, i) else None
         why = [f"no effort of {joint} in {JOINT_STATES}"] if _missing(effort, i) else []
         if reading is not None:
-            why = [f"effort of {joint} reads {reading:g} throughout while {joint} moves"]
+            why = [f"effort of {joint} reads {reading:g} throughout while the robot moves"]
         why += _angles_reason(blind)
         if why:
             losses.append(Loss(f"{joint}/torque", "; ".join(why), stands=reading is not None))

@@ -1,9 +1,10 @@
 """Sensors that read the same throughout while their joint moves: nothing was measured there.
 
 Many drivers fill `effort` with zeros, and a transducer that is not connected stands at an end of
-its scale. The noise of such a reading is none, so that its equations would outweigh all others. A
-chamber's pressure that stands still in between may be so: of a cylinder whose other side drives
-it, vented or under a constant counter-pressure. `health` tells it all the same.
+its scale. The noise of such a reading is none, so that its equations would outweigh all others.
+That holds of a parked joint's `effort`, too: what moves beside it changes its torque. A chamber's
+pressure that stands still in between may be so: of a cylinder whose other side drives it, vented
+or under a constant counter-pressure. `health` tells it all the same.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.bag.recorded_run import Recording
-from hydro_model.arrays import FloatArray
+from hydro_model.arrays import BoolArray, FloatArray
 from hydro_model.multibody.joint_ranges import limits
 from hydro_model.robot import Robot
 
@@ -37,20 +38,24 @@ class SensorSpans:
     robot: Robot
     _first: dict[str, float] = field(default_factory=dict)
     _spans: dict[str, tuple[float, float]] = field(default_factory=dict)
-    #: From where to where its joint was while a sensor was read.
-    _travels: dict[str, tuple[float, float]] = field(default_factory=dict)
+    #: From where to where every joint was while a sensor was read, (2, n).
+    _travels: dict[str, FloatArray] = field(default_factory=dict)
 
     def add(self, recording: Recording) -> None:
         """Take in the next cycles."""
-        for name, kind, column, joint in _sensors(recording):
+        for name, kind, column, _ in _sensors(recording):
             values = getattr(recording, kind)[:, column]
             there = np.isfinite(values)
             if not there.any():
                 continue
-            values, q = values[there], recording.q[there, joint]
+            values, q = values[there], recording.q[there]
             self._first.setdefault(name, float(values[0]))
-            _widen(self._spans, name, values)
-            _widen(self._travels, name, q[np.isfinite(q)])
+            least, most = self._spans.get(name, (np.inf, -np.inf))
+            self._spans[name] = min(least, float(values.min())), max(most, float(values.max()))
+            before = self._travels.get(name, np.full((2, q.shape[1]), np.nan))
+            # Of positions that are not known nothing is told.
+            low, high = np.fmin.reduce(q, axis=0), np.fmax.reduce(q, axis=0)
+            self._travels[name] = np.stack([np.fmin(before[0], low), np.fmax(before[1], high)])
 
     def dead(self, known: Mapping[str, float] = MappingProxyType({})) -> dict[str, float]:
         """Sensors that are dead in these cycles, and their readings.
@@ -71,20 +76,17 @@ class SensorSpans:
                 continue
             if kind != "effort" and not _at_an_end(self.robot, reading):
                 continue
-            if known.get(name) == reading or self._moved(name, joint):
+            moved = self._moved(name)
+            if known.get(name) == reading or (moved.any() if kind == "effort" else moved[joint]):
                 dead[name] = reading
         return dead
 
-    def _moved(self, name: str, joint: int) -> bool:
-        least, most = self._travels.get(name, (0.0, 0.0))
-        lower, upper = limits(self.robot)[joint]
-        return most - least > _MOVES * float(upper - lower)
-
-
-def _widen(spans: dict[str, tuple[float, float]], name: str, values: FloatArray) -> None:
-    if values.size:
-        least, most = spans.get(name, (np.inf, -np.inf))
-        spans[name] = min(least, float(values.min())), max(most, float(values.max()))
+    def _moved(self, name: str) -> BoolArray:
+        """Which joints went somewhere while a sensor was read."""
+        low, high = self._travels[name]
+        lower, upper = limits(self.robot).T
+        # What is nowhere known did not go anywhere.
+        return np.asarray(high - low > _MOVES * (upper - lower))
 
 
 def without_dead(recording: Recording, known: Mapping[str, float]) -> Recording:

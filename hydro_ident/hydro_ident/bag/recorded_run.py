@@ -83,8 +83,8 @@ class Recording:
     metadata : mapping of str to str
         The project's own metadata of the bag.
     dead : mapping of str to float
-        Sensors that read the same throughout while their joint moved (`<joint> effort`,
-        `<cylinder>/a`), and their readings; their columns are NaN.
+        Sensors that read the same throughout while their joint moved, or any in the case of an
+        effort (`<joint> effort`, `<cylinder>/a`), and their readings; their columns are NaN.
     updated_between : bool
         Whether commands changed between the cycles, too, and not with each of them alone.
     turns : mapping of str to (K, 2) int array
