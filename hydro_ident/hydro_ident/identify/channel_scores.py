@@ -19,6 +19,7 @@ from hydro_ident.estimate.flows.chambers import (
 )
 from hydro_ident.estimate.flows.cylinder_fit import CylinderFit
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit
+from hydro_ident.estimate.forces.between_samples import curved_rows
 from hydro_ident.estimate.forces.inertial import ForceModel, InertialFit, force_rows
 from hydro_ident.estimate.forces.late_forces import late_rows
 from hydro_ident.estimate.forces.standstill import Rest
@@ -76,6 +77,15 @@ class ScorePlan:
     every_fitted: int = 1
     cleaner: Cleaner | None = None
 
+    @property
+    def bulk_pa(self) -> dict[str, float]:
+        """Bulk moduli by cylinder: as fitted, the given ones where those cannot be used."""
+        found = {c.name: c.bulk_modulus_pa for c in self.robot.cylinders}
+        for one in self.hydraulic.cylinders if self.hydraulic is not None else ():
+            if not one.rejected:
+                found[one.cylinder] = one.bulk_modulus()[0]
+        return found
+
 
 @dataclass(slots=True)
 class ScoreKeeper:
@@ -89,8 +99,8 @@ class ScoreKeeper:
     tallies, fitted : dict of str to Tally
         The former and the latter, by channel.
     late : Moments or None
-        Of the rows that took part, with columns for forces that are read late and for constant
-        ones.
+        Of the rows that took part, with columns for forces that are read late, for what they do
+        between samples and for constant ones.
     """
 
     plan: ScorePlan
@@ -119,6 +129,7 @@ class ScoreKeeper:
             return
         if self.trained:
             late = late_rows(model, trace, rows, plan.filters)
+            late = curved_rows(model, trace, late, plan.filters, plan.bulk_pa, still)
             late = plan.split.training(constant_rows(model, late))
             if self.late is None:
                 self.late = Moments.like(late, trace.recording, sample_s=trace.step_s)

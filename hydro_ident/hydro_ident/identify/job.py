@@ -12,7 +12,8 @@ from hydro_ident.estimate.flows.chambers import WindowSettings
 from hydro_ident.estimate.flows.flow_moments import NEARLY
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit
 from hydro_ident.estimate.flows.summed_flow import SummedComparison
-from hydro_ident.estimate.forces.force_rows import LateForce
+from hydro_ident.estimate.forces.between_samples import with_curvature
+from hydro_ident.estimate.forces.force_rows import LateForce, pressed_joints
 from hydro_ident.estimate.forces.inertial import ForceModel, InertialFit, force_model
 from hydro_ident.estimate.forces.late_forces import late_forces
 from hydro_ident.estimate.forces.loads_apart import loads_apart
@@ -244,7 +245,8 @@ class Scores:
         On rows that took no part in the fit, and on those that did.
     summed : tuple of SummedComparison
     inertial : InertialFit or None
-        That was scored, its covariance now with the zeros of the transducers.
+        That was scored, its covariance now with the zeros of the transducers and what forces do
+        between samples.
     late : tuple of LateForce
         Forces that look late by so much that a friction is off.
     notes : tuple of str
@@ -296,10 +298,16 @@ def scored(job: Job, estimates: Estimates) -> Scores:
     fitted = channel_scores(plan, [(s.name, s.fitted) for s in found], job.signals)
     summed = () if total is None else total.result()
     late = [one.late for one in found if one.late is not None]
-    fit = estimates.inertial and with_zeros(estimates.inertial, late, zero_pa(job.robot))
+    fit = estimates.inertial and _widened(estimates.inertial, late, zero_pa(job.robot))
     loads = "" if fit is None else loads_apart(fit, late)
     said = _late(fit, late), tuple(notes), loads
     return Scores(tuple(held_out), tuple(fitted), summed, fit, *said)
+
+
+def _widened(fit: InertialFit, gathered: Sequence[Moments], zero_pa: float) -> InertialFit:
+    """With what zeros of transducers and the places of readings between commands may do."""
+    fit = with_curvature(fit, gathered, behind=len(pressed_joints(fit.model)))
+    return with_zeros(fit, gathered, zero_pa)
 
 
 def _late(fit: InertialFit | None, gathered: Sequence[Moments]) -> tuple[LateForce, ...]:
