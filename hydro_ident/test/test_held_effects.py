@@ -93,6 +93,18 @@ def test_rows_fit_the_truth_where_the_effect_is_listed(make_run, name) -> None:
     assert with_it < max(0.1 * without, 2.0 * floor)
 
 
+def test_a_payload_on_a_tilted_base_fits_the_truth(make_run) -> None:
+    true_crane, _ = make_run
+    truth = true_crane()
+    both = {"payload_change": {"mass": 300.0}, "base_tilt": {"pitch": 0.0873}}
+    specs = tuple(EffectSpec(name, truth.name, values) for name, values in both.items())
+    robot = replace(truth, effects=specs)
+    # By effect, what it alone leaves over: the error of the two together is to be no larger.
+    alone = [replace(truth, effects=(one,)) for one in specs]
+    floor = max(residual(one, recorded(one), truth, 1.0) for one in alone)
+    assert residual(robot, recorded(robot), truth, 1.0) < 2.0 * floor
+
+
 def test_what_is_fitted_held_or_ignored_is_said(make_run) -> None:
     true_crane, _ = make_run
     names = ["end_cushion", "coulomb_friction", "valve_deadband", "base_tilt", "valve_null_bias"]

@@ -31,6 +31,7 @@ def held_torque(
     Parameters
     ----------
     robot : Robot
+        With gravity as a listed tilt turns it, which all of them are then in.
     changes : sequence of ActiveEffect
     trace : Trace
     moved : Motion

@@ -145,8 +145,11 @@ class ListedEffects:
         return np.concatenate(columns, axis=2)
 
     def held_torque(self, trace: Trace, moved: Motion) -> FloatArray:
-        """Joint torques (N, n) of the listed `changes` and of their laws."""
-        return held_torque(self.robot, self.changes, trace, moved)
+        """Joint torques (N, n) of the listed `changes` and of their laws, in the level's gravity.
+
+        A payload on a tilted base weighs along the tilted gravity.
+        """
+        return held_torque(self.level, self.changes, trace, moved)
 
     def corrected(self, trace: Trace) -> Trace:
         """The trace without the listed errors of its instruments, to first order in their size."""
