@@ -186,6 +186,29 @@ def changed(**changes: object) -> dict:
             "key 'reference' is missing, expected gauge or absolute",
         ),
         (changed(pressures={"supply": {"signal": "ps", "reference": "abs"}}), "gauge or absolute"),
+        (
+            changed(pressures={"tank": {"constant": 0, "unit": "bar"}}),
+            "key 'reference' is missing, expected gauge or absolute, as the number is meant:"
+            " {constant: , unit: , reference: gauge}",
+        ),
+        (
+            changed(joints={"lift": {"constant": 0, "reference": "gauge"}}),
+            "unknown key 'reference' (known: constant, unit)",
+        ),
+        (
+            changed(robot=None, strokes={"lift": {"signal": "spare"}}),
+            "expected other names under strokes, those of cylinders, than under joints, found"
+            " 'lift' under both",
+        ),
+        (
+            changed(
+                robot=None,
+                joints=None,
+                efforts={"c": {"signal": "q1"}},
+                strokes={"c": {"signal": "spare"}},
+            ),
+            "than under efforts, found 'c' under both",
+        ),
         (changed(joins={}), "unknown key 'joins'"),
         (changed(start="yesterday"), "'start' should be like"),
         (changed(start=datetime(2024, 5, 1, 10, tzinfo=timezone.utc)), 'write "2024-05-01 10:00'),
@@ -292,6 +315,27 @@ def test_a_difference_of_two_signals_and_a_constant_are_positions(tmp_path: Path
     at = {name: bag.fields["position"][:, i] for i, name in enumerate(bag.names)}
     np.testing.assert_allclose(at["lift"], np.deg2rad(30.0))
     np.testing.assert_allclose(at["tilt"], np.deg2rad(log["z2"] - log["z1"]), atol=1e-12)
+
+
+def test_a_constant_rail_is_what_the_mapping_calls_it(
+    tmp_path: Path, robot: Robot, capsys
+) -> None:
+    rails = {
+        "tank": {"constant": 0, "unit": "bar", "reference": "gauge"},
+        "supply": {"constant": 190, "unit": "bar", "reference": "absolute"},
+    }
+    content = changed(
+        pressures={"lift_cylinder/a": CRANE_MAP["pressures"]["lift_cylinder/a"], **rails}
+    )
+    out = tmp_path / "bag"
+    log = write_csv(tmp_path / "log.csv", crane_log())
+    assert run([str(log), "--map", str(write_map(tmp_path, content)), "--out", str(out)]) == 0
+    read = read_recording(out, robot)
+    np.testing.assert_allclose(read.tank, 0.0, atol=1e-6)
+    np.testing.assert_allclose(read.supply, 190e5 - 101325.0, rtol=1e-12)
+    said = capsys.readouterr().out
+    assert "pressures, tank: one number throughout counts as a reading" in said
+    assert "the robot file (supply: tank_pressure_pa, gauge)" in said
 
 
 def test_a_gzipped_csv_reads_as_the_csv(tmp_path: Path) -> None:

@@ -21,6 +21,11 @@ _PERIODS = (360.0, 2.0 * math.pi)
 #: A jump is one of a wrapped angle where it misses its period by no more than this share; other
 #: steps of the signal are smaller than this share of it.
 _MISSES = 0.15
+#: Rails, and what the robot file calls their constants.
+_RAILS = {
+    "pressures, supply": "supply: pressure_pa",
+    "pressures, tank": "supply: tank_pressure_pa",
+}
 
 
 def wrap_of(recorded: FloatArray) -> float:
@@ -111,6 +116,12 @@ class Columns:
             held = np.full(self.count, signal.offset)
             if joint:
                 self._angles.setdefault(joint, held)
+            if where in _RAILS:
+                self.remarks.append(
+                    f"{where}: one number throughout counts as a reading, of whose error no"
+                    " interval knows; left out here and written in the robot file"
+                    f" ({_RAILS[where]}, gauge) intervals reach as far as it may be off"
+                )
             return held
         self._check_instants(signal)
         rows = self.timeline.rows[clock_of(self.log, self.mapping, signal)]

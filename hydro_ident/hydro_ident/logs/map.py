@@ -142,6 +142,7 @@ def _map_from(top: Fields, path: Path) -> LogMap:
         raise BagError(f"{path}: expected signals under {', '.join(SECTIONS)}, found none")
     if robot is not None:
         _check_names(sections, robot, path)
+    _check_apart(sections, path)
     oil = top.optional_fields("oil_temperature")
     return LogMap(
         source=path,
@@ -233,6 +234,17 @@ def _layout(fields: Fields) -> CsvLayout:
         raise BagError(f"{fields.where}: 'decimal' should be '.' or ',', found '{decimal}'")
     comment = fields.text("comment") if "comment" in fields else ""
     return CsvLayout(delimiter, comment, decimal)
+
+
+def _check_apart(sections: Mapping[str, Mapping[str, LogSignal]], path: Path) -> None:
+    """Strokes and joints share a topic, in which a name is one signal."""
+    for key in ("joints", "efforts"):
+        shared = sorted(set(sections["strokes"]) & set(sections[key]))
+        if shared:
+            raise BagError(
+                f"{path}: expected other names under strokes, those of cylinders, than under"
+                f" {key}, found '{shared[0]}' under both: /joint_states would have one of the two"
+            )
 
 
 def _check_names(

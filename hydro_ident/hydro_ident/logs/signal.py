@@ -20,6 +20,7 @@ from hydro_model.errors import RobotError
 #: What a suggested mapping has where a person has to say.
 FILL_IN = "FILL_IN"
 _REFERENCES = "gauge or absolute, as the transducer's datasheet says"
+_OF_CONSTANTS = "gauge or absolute, as the number is meant: {constant: , unit: , reference: gauge}"
 _KEYS = frozenset(
     {"signal", "minus", "unit", "scale", "offset", "sign", "wrap", "raw", "span", "time"}
 )
@@ -155,11 +156,13 @@ def signal_of(fields: Fields, quantity: str, atmosphere_pa: float) -> LogSignal:
     BagError
         Unknown keys or units, or something that is still to be filled in.
     """
+    reference = {"reference"} if quantity == "pressure" else set()
     if "constant" in fields:
-        no_other_keys(fields, {"constant", "unit"})
+        no_other_keys(fields, {"constant", "unit"} | reference)
         held = fields.number("constant") * unit_of(fields, quantity)
+        held += _reference_pa(fields, quantity, atmosphere_pa)
         return LogSignal("", 0.0, held + _zero(fields, quantity))
-    no_other_keys(fields, _KEYS | ({"reference"} if quantity == "pressure" else set()))
+    no_other_keys(fields, _KEYS | reference)
     sign = fields.number("sign", 1.0)
     if sign not in (1.0, -1.0):
         raise BagError(f"{fields.where}: 'sign' should be 1 or -1, found {sign:g}")
@@ -168,7 +171,7 @@ def signal_of(fields: Fields, quantity: str, atmosphere_pa: float) -> LogSignal:
     if scale == 0.0:
         raise BagError(
             f"{fields.where}: 'scale' should not be 0, which leaves nothing of the signal; what"
-            " was held is {constant: , unit: }"
+            f" was held is {{constant: , unit: {', reference: ' if reference else ''}}}"
         )
     offset += scale * _zero(fields, quantity)
     factor = scale * unit_of(fields, quantity)
@@ -193,9 +196,10 @@ def _zero(fields: Fields, quantity: str) -> float:
 def _reference_pa(fields: Fields, quantity: str, atmosphere_pa: float) -> float:
     if quantity != "pressure":
         return 0.0
+    expected = _OF_CONSTANTS if "constant" in fields else _REFERENCES
     if "reference" not in fields:
-        raise BagError(f"{fields.where}: key 'reference' is missing, expected {_REFERENCES}")
-    reference = filled(fields, "reference", _REFERENCES)
+        raise BagError(f"{fields.where}: key 'reference' is missing, expected {expected}")
+    reference = filled(fields, "reference", expected)
     if reference not in ("gauge", "absolute"):
         raise BagError(
             f"{fields.where}: 'reference' should be gauge or absolute, found '{reference}'"
