@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.estimate.flows.chambers import WindowSettings, chamber_rows, chambers_of
-from hydro_ident.estimate.flows.cylinder_fit import BULK_BOUNDS_PA
+from hydro_ident.estimate.flows.cylinder_fit import BULK_BOUNDS_PA, _checked
 from hydro_ident.estimate.flows.delay import fit_delay
 from hydro_ident.estimate.flows.flow_moments import FlowGatherer
 from hydro_ident.estimate.flows.hydraulics import fit_hydraulics
@@ -206,8 +206,29 @@ def test_a_valve_wired_the_wrong_way_round_is_rejected_not_replaced(
     robot: Robot, bench: Any
 ) -> None:
     time = np.arange(0.0, 6.0, bench.H)
-    (lift,) = bench.fit(robot, 0.001, valve_signal=-bench.signal(robot, time)).cylinders
+    fit = bench.fit(robot, 0.001, valve_signal=-bench.signal(robot, time))
+    (lift,) = fit.cylinders
     assert "c_pa" in lift.rejected
+    assert "the sign of lift_valve's signal is likely reversed" in lift.rejected
+    # No other motion is asked for: what it would tell is of the wrong signal as well.
+    said = [text for text in _hydraulic_problems(robot, None, fit) if "likely reversed" in text]
+    assert said
+    assert all("to tell them" not in text for text in said)
+    # Whatever else the data do not tell.
+    unknown = _checked(replace(lift, identifiable=(False, *lift.identifiable[1:])), 1.2e9)
+    assert unknown.rejected == lift.rejected
+
+
+def test_edges_of_one_rail_below_zero_name_its_reading(robot: Robot, bench: Any) -> None:
+    trace = bench.run(robot)
+    fit = fit_hydraulics(
+        robot, [replace(trace, supply=np.zeros(trace.samples), rails_read=(True, True))]
+    )
+    assert fit is not None
+    (lift,) = fit.cylinders
+    assert "c_pa" in lift.rejected
+    assert "c_at" not in lift.rejected
+    assert "those of the supply alone are below it: its reading is likely wrong" in lift.rejected
 
 
 def test_no_pressures_no_hydraulics(robot: Robot, bench: Any) -> None:

@@ -7,6 +7,7 @@ result outside physical bounds is rejected and said, never replaced.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -111,6 +112,24 @@ class CylinderFit:
         inverse, std = self.value(INVERSE_BULK)
         return 1.0 / inverse, std / inverse**2
 
+    def of_other_signals(self, why: str) -> CylinderFit:
+        """Rejected as of signals that are not what they are taken for.
+
+        What the data bear on at all then counts as told: no other motion would tell it better.
+
+        Parameters
+        ----------
+        why : str
+        """
+        reached = [
+            min(c.fit.collinearity[c.names.index(name)] for c in self.chambers if name in c.names)
+            < math.inf
+            for name in self.names
+        ]
+        told = zip(self.identifiable, reached, np.diag(self.covariance) > 0.0, strict=True)
+        known = tuple(one or bool(apart and moved) for one, apart, moved in told)
+        return replace(self, rejected=why, identifiable=known, refused_bulk=None)
+
 
 def combined(
     fitted: Sequence[tuple[Chamber, FittedChamber]], rails: Sequence[RailConstant] = ()
@@ -183,6 +202,8 @@ def _essential(name: str) -> bool:
 
 def _checked(fit: CylinderFit, given_pa: float) -> CylinderFit:
     """A fit with what cannot be used of it: all, or the bulk modulus alone."""
+    if wrong := _wrong_edges(fit):
+        return fit.of_other_signals(wrong)
     bulk = _bulk_reason(fit)
     if bulk and not _edge_reason(fit) and _is_apart(fit):
         held = _with_given_bulk(fit, 1.0 / given_pa, bulk)
@@ -226,13 +247,34 @@ def _with_given_bulk(fit: CylinderFit, inverse: float, reason: str) -> CylinderF
 
 def _edge_reason(fit: CylinderFit) -> str:
     """Why a cylinder's edges cannot be used; empty where they can."""
-    edges = [name for name in fit.names if name.startswith("c_")]
-    unknown = [name for name in edges if not fit.identifiable[fit.names.index(name)]]
-    if unknown:
-        return f"{', '.join(unknown)} cannot be told from these data"
-    values = {name: fit.value(name)[0] for name in edges}
-    wrong = [f"{name} = {value:.3g}" for name, value in values.items() if value <= 0.0]
-    return f"expected edge coefficients above 0, found {', '.join(wrong)}" if wrong else ""
+    unknown = [name for name in _edges(fit) if not fit.identifiable[fit.names.index(name)]]
+    return f"{', '.join(unknown)} cannot be told from these data" if unknown else _wrong_edges(fit)
+
+
+def _edges(fit: CylinderFit) -> list[str]:
+    return [name for name in fit.names if name.startswith("c_")]
+
+
+def _wrong_edges(fit: CylinderFit) -> str:
+    """Edges that the data tell and no valve has, with the likely cause; empty where none is."""
+    told = [name for name in _edges(fit) if fit.identifiable[fit.names.index(name)]]
+    wrong = {name: value for name in told if (value := fit.value(name)[0]) <= 0.0}
+    if not wrong:
+        return ""
+    found = ", ".join(f"{name} = {value:.3g}" for name, value in wrong.items())
+    return f"expected edge coefficients above 0, found {found}{_cause_of(set(wrong), fit)}"
+
+
+def _cause_of(wrong: set[str], fit: CylinderFit) -> str:
+    if wrong == set(_edges(fit)):
+        return (
+            f"; all are below it: the sign of {fit.valve}'s signal is likely reversed, or that of"
+            " the piston's position"
+        )
+    for rail, of_rail in (("supply", {"c_pa", "c_pb"}), ("tank", {"c_at", "c_bt"})):
+        if wrong == of_rail.intersection(_edges(fit)):
+            return f"; those of the {rail} alone are below it: its reading is likely wrong"
+    return ""
 
 
 def _bulk_reason(fit: CylinderFit) -> str:
