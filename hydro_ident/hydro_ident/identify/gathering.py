@@ -10,6 +10,7 @@ import numpy as np
 from hydro_ident.bag.streaming import OVERLAP_S, Piece
 from hydro_ident.estimate.effects.listed_effects import ListedEffects
 from hydro_ident.estimate.flows.chambers import WindowSettings, chambers_of
+from hydro_ident.estimate.flows.exchange import Exchange
 from hydro_ident.estimate.flows.flow_moments import FlowGatherer
 from hydro_ident.estimate.flows.summed_flow import SummedFlow
 from hydro_ident.estimate.forces.end_stops import at_end_stops
@@ -63,6 +64,8 @@ class GatherPlan:
         What constants of rails that were not read are taken to be off by.
     position_noise : (k, n) array or None
         Deviations of noise that positions are given, for as many further moments of the forces.
+    exchange : Exchange or None
+        Signals that stand in the place of flows' own.
     """
 
     robot: Robot
@@ -82,6 +85,7 @@ class GatherPlan:
     cleaner: Cleaner | None = None
     rails_off_pa: Mapping[str, float] = field(default_factory=dict)
     position_noise: FloatArray | None = None
+    exchange: Exchange | None = None
 
 
 @dataclass(slots=True)
@@ -186,7 +190,8 @@ def gather_source(source: Source, plan: GatherPlan) -> Gathered:
             if plan.forces and np.isfinite(trace.q).all():
                 _add_forces(found, plan, trace)
             if plan.flows:
-                flows.add(plan.effects.with_signal_laws(trace))
+                seen = trace if plan.exchange is None else plan.exchange.of(trace)
+                flows.add(plan.effects.with_signal_laws(seen))
     # What is left are numbers: they travel between processes.
     flows.extra = flows.select = None
     return found

@@ -44,6 +44,7 @@ from hydro_ident.identify.model_error import flagged, left_out
 from hydro_ident.identify.position_noise import with_bias
 from hydro_ident.identify.recording_summary import RecordingSummary, recording_summaries
 from hydro_ident.identify.rejection import tested, within_bounds
+from hydro_ident.identify.swapped_signals import swapped_signals
 from hydro_ident.identify.verdict import (
     NOT_ENOUGH,
     BagLoss,
@@ -175,7 +176,9 @@ def identify(
     advance("scoring on what was held out", 2, _STAGES)
     last = scored(job, estimates)
     estimates = replace(estimates, inertial=last.inertial)
-    return _concluded(job, tested(robot, estimates, last.held_out), last, settings)
+    swapped = swapped_signals(job, estimates, last.held_out or last.fitted)
+    estimates = tested(robot, estimates, last.held_out, swapped)
+    return _concluded(job, estimates, last, settings)
 
 
 def _concluded(job: Job, estimates: Estimates, last: Scores, settings: Settings) -> Identification:

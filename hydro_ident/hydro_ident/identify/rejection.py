@@ -1,14 +1,14 @@
 """Stages of an identification that are not to be used, and why.
 
 A stage is the forces as a whole or the hydraulics of one cylinder. It is rejected where a value
-is clearly outside physical bounds, where the mass matrix would not be positive definite, or where
-it predicts held-out data worse than their mean or than the given robot. A rejected stage is said
-and never replaced: the given numbers stay in the model.
+is clearly outside physical bounds, where the mass matrix would not be positive definite, where it
+predicts held-out data worse than their mean or than the given robot, or where its signals were
+swapped. A rejected stage is said and never replaced: the given numbers stay in the model.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +23,7 @@ from hydro_ident.estimate.forces.inertial import InertialFit
 from hydro_ident.estimate.scoring.scores import ChannelScore
 from hydro_ident.identify.estimation import Estimates
 from hydro_ident.identify.identified_robot import has_definite_mass, identified_robot
+from hydro_ident.identify.swapped_signals import Swapped
 from hydro_ident.parameters.parameters import Parameter, cylinder_parameters
 from hydro_model.robot import Robot
 
@@ -30,6 +31,7 @@ from hydro_model.robot import Robot
 WORSE = 1.2
 #: An error within this multiple of the sensors' noise is no failure, whatever it is compared with.
 QUIET = 2.0
+_CAUSES = "; likely causes:"
 
 
 def within_bounds(robot: Robot, estimates: Estimates) -> Estimates:
@@ -67,7 +69,8 @@ def _bounded(robot: Robot, fit: CylinderFit, biases: dict[str, float]) -> Cylind
             limits, column = effect_bounds(row.name), columns[row.name]
             value = _unclipped(fit, row, column)
             if limits.clear(value, row.std):
-                return replace(fit, rejected=limits.text(row.name, value, row.std))
+                why = limits.text(row.name, value, row.std)
+                return replace(fit, rejected=f"{why}{_causes(robot)}")
             if limits.nearest(value) != value:
                 reason = limits.held_text(value, row.std)
                 at = fit.names.index(column)
@@ -101,7 +104,12 @@ def _holding(fit: CylinderFit, held: Sequence[HeldPart]) -> CylinderFit:
     )
 
 
-def tested(robot: Robot, estimates: Estimates, scores: Sequence[ChannelScore]) -> Estimates:
+def tested(
+    robot: Robot,
+    estimates: Estimates,
+    scores: Sequence[ChannelScore],
+    swapped: Mapping[str, Swapped],
+) -> Estimates:
     """Reject the stages that make no possible machine or fail on held-out data.
 
     Parameters
@@ -111,22 +119,45 @@ def tested(robot: Robot, estimates: Estimates, scores: Sequence[ChannelScore]) -
     estimates : Estimates
     scores : sequence of ChannelScore
         On held-out rows.
+    swapped : mapping of str to Swapped
+        Cylinders whose signals were likely swapped, by name.
 
     Returns
     -------
     Estimates
     """
     inertial, hydraulic = estimates.inertial, estimates.hydraulic
-    if inertial is not None and not inertial.rejected:
-        why = _impossible(robot, inertial) or _failed(robot, scores, inertial.model.channels)
+    if inertial is not None:
+        why = _of_forces(robot, inertial, scores, swapped)
         inertial = replace(inertial, rejected=why)
     if hydraulic is not None:
         cylinders = []
         for fit in hydraulic.cylinders:
+            if (found := swapped.get(fit.cylinder)) is not None:
+                cylinders.append(fit.of_other_signals(found.why))
+                continue
             why = fit.rejected or _failed(robot, scores, _flows(robot, fit))
             cylinders.append(replace(fit, rejected=why))
         hydraulic = replace(hydraulic, cylinders=tuple(cylinders))
     return replace(estimates, inertial=inertial, hydraulic=hydraulic)
+
+
+def _of_forces(
+    robot: Robot,
+    inertial: InertialFit,
+    scores: Sequence[ChannelScore],
+    swapped: Mapping[str, Swapped],
+) -> str:
+    """Why the forces cannot be used; empty where they can."""
+    # Until here, bounds alone.
+    outside = f"{inertial.rejected}{_causes(robot)}" if inertial.rejected else ""
+    why = outside or _impossible(robot, inertial)
+    why = why or _failed(robot, scores, inertial.model.channels)
+    wrong = [text for found in swapped.values() for text in found.pressures]
+    if not wrong:
+        return why
+    cause = f"the flows go by {', '.join(wrong)}: these pressures are likely swapped"
+    return f"{why.partition(_CAUSES)[0]}; {cause}" if why else cause
 
 
 def rejections(
@@ -204,7 +235,7 @@ def _failed(robot: Robot, scores: Sequence[ChannelScore], channels: Collection[s
 
 def _causes(robot: Robot) -> str:
     return (
-        "; likely causes: the robot file is of another machine, signals or their signs are"
+        f"{_CAUSES} the robot file is of another machine, signals or their signs are"
         f" swapped, robot {robot.name} lacks an effect, the recordings carry different loads (each"
         " is then to be identified alone), positions are noisy beside their accelerations (finer"
         " encoders, /joint_reference or slower cut-offs help), or the training motion was too poor"

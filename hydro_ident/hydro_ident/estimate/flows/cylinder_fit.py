@@ -121,14 +121,17 @@ class CylinderFit:
         ----------
         why : str
         """
-        reached = [
-            min(c.fit.collinearity[c.names.index(name)] for c in self.chambers if name in c.names)
-            < math.inf
-            for name in self.names
+        bulk = self.refused_bulk is not None
+        known = [
+            (bulk and name == INVERSE_BULK) or bool(variance > 0.0 and self._apart(name))
+            for name, variance in zip(self.names, np.diag(self.covariance), strict=True)
         ]
-        told = zip(self.identifiable, reached, np.diag(self.covariance) > 0.0, strict=True)
-        known = tuple(one or bool(apart and moved) for one, apart, moved in told)
-        return replace(self, rejected=why, identifiable=known, refused_bulk=None)
+        told = tuple(a or b for a, b in zip(self.identifiable, known, strict=True))
+        return replace(self, rejected=why, identifiable=told)
+
+    def _apart(self, name: str) -> bool:
+        own = [c.fit.collinearity[c.names.index(name)] for c in self.chambers if name in c.names]
+        return min(own, default=0.0) < math.inf
 
 
 def combined(
