@@ -166,7 +166,7 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
         met = Meetings()
         met.add(grid, topics[valves].stamp_ns)
         stamps = met.wrong(valves, len(grid))
-    return _with_losses(without_dead(replace(recording, **lost), earlier.dead), valves, stamps)
+    return with_losses(without_dead(replace(recording, **lost), earlier.dead), valves, stamps)
 
 
 def _settle_voltages(
@@ -191,7 +191,17 @@ def _some(values: FloatArray | None, columns: list[int]) -> FloatArray | None:
     return None if values is None else values[:, columns]
 
 
-def _with_losses(recording: Recording, valve_there: str, valve_stamps: str) -> Recording:
+def with_losses(recording: Recording, valve_there: str, valve_stamps: str) -> Recording:
+    """A recording with the channels that it cannot give.
+
+    Parameters
+    ----------
+    recording : Recording
+    valve_there : str
+        A topic of valves that has messages, be they of voltages or not; or empty.
+    valve_stamps : str
+        What is wrong with the stamps of the valves' topic.
+    """
     losses = find_losses(
         recording.robot,
         _present(recording),

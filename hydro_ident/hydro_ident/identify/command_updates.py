@@ -108,22 +108,55 @@ def update_notes(sources: Sequence[Source]) -> list[str]:
 
 
 def _between(robot: Robot, slow: Sequence[Source], select: Select | None) -> bool:
-    held = _fitted(robot, slow, select)
+    effects = ListedEffects.of(robot)
+    held = signals_fitted(effects, slow, select)
     if held is None or held.delay_s > _NONE * held.longest_s:
         return False
-    mean = _fitted(robot, [UpdatedBetween(source) for source in slow], select)
-    if mean is None or mean.chambers.keys() != held.chambers.keys():
+    mean = signals_fitted(effects, [UpdatedBetween(source) for source in slow], select)
+    return mean is not None and saves(held, mean)
+
+
+def saves(one: DelayFit, other: DelayFit) -> bool:
+    """Whether valves' signals leave clearly smaller squares of the same chambers than others.
+
+    Parameters
+    ----------
+    one : DelayFit
+    other : DelayFit
+        That is to be better.
+    """
+    if other.chambers.keys() != one.chambers.keys():
         return False
     total, saved = 0.0, 0.0
-    for name, before in held.chambers.items():
+    for name, before in one.chambers.items():
         weight = before.solution.weight
-        squares = [misfit(c.blocks, weight)[0] for c in (before, mean.chambers[name])]
+        squares = [misfit(c.blocks, weight)[0] for c in (before, other.chambers[name])]
         total, saved = total + squares[0], saved + squares[0] - squares[1]
     return saved > _SAVES * total
 
 
-def _fitted(robot: Robot, sources: Sequence[Source], select: Select | None) -> DelayFit | None:
-    effects, windows = ListedEffects.of(robot), WindowSettings()
+def signals_fitted(
+    effects: ListedEffects,
+    sources: Sequence[Source],
+    select: Select | None,
+    windows: WindowSettings | None = None,
+) -> DelayFit | None:
+    """The chambers of recordings with their valves' signals, as a first look has them.
+
+    Parameters
+    ----------
+    effects : ListedEffects
+    sources : sequence of Source
+    select : callable or None
+        As of `with_updates`.
+    windows : WindowSettings, optional
+
+    Returns
+    -------
+    DelayFit or None
+        None where no chamber has enough windows.
+    """
+    robot, windows = effects.robot, windows or WindowSettings()
     gathered = []
     for source in sources:
         flows = FlowGatherer(robot, source.name, windows, effects.chamber_columns, select)

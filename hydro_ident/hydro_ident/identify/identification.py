@@ -44,6 +44,7 @@ from hydro_ident.identify.model_error import flagged, left_out
 from hydro_ident.identify.position_noise import with_bias
 from hydro_ident.identify.recording_summary import RecordingSummary, recording_summaries
 from hydro_ident.identify.rejection import tested, within_bounds
+from hydro_ident.identify.spool_openings import with_command_delay
 from hydro_ident.identify.swapped_signals import swapped_signals
 from hydro_ident.identify.verdict import (
     NOT_ENOUGH,
@@ -170,6 +171,9 @@ def identify(
     estimates = Estimation(job.sources, job.plan, job.still, workers).run(
         settings.estimator, job.surveys, job.signals
     )
+    if job.spools.taken:
+        fit = with_command_delay(estimates.hydraulic, job.plan, job.commanded[0], workers)
+        estimates = replace(estimates, hydraulic=fit)
     estimates = within_bounds(robot, estimates)
     if estimates.inertial is not None:
         estimates = replace(estimates, inertial=with_bias(estimates.inertial, job.bias))
@@ -247,7 +251,7 @@ def _held_notes(
 
 def _delay_notes(hydraulic: HydraulicFit | None) -> list[str]:
     """That the valves' command delays differ, in words."""
-    if hydraulic is None or not hydraulic.valve_delays:
+    if hydraulic is None or not hydraulic.valve_delays or hydraulic.by_spools:
         return []
     found = ", ".join(
         f"{name} {1e3 * own.delay_s:.2f} +- {1e3 * own.std_s:.2f}"

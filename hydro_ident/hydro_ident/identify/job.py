@@ -31,6 +31,13 @@ from hydro_ident.identify.estimator_choice import REFERENCED_SHARE, Choice, refe
 from hydro_ident.identify.gathering import GatherPlan, overlap_s, score_source
 from hydro_ident.identify.model_error import late_note, model_error_note
 from hydro_ident.identify.position_noise import Look, PositionBias, position_bias
+from hydro_ident.identify.spool_openings import (
+    SpoolChoice,
+    behind_spools,
+    spool_choice,
+    spools_of,
+    told_by_spools,
+)
 from hydro_ident.identify.survey import (
     Survey,
     apart_notes,
@@ -99,6 +106,9 @@ class Job:
     workers : Workers
     bias : PositionBias
         What the positions' noise does to the forces' parameters.
+    commanded : pair of tuple of Source
+        `sources` and `others` with their voltages, where the openings are measured spools.
+    spools : SpoolChoice
     """
 
     robot: Robot
@@ -111,6 +121,8 @@ class Job:
     every: int
     workers: Workers
     bias: PositionBias
+    commanded: tuple[tuple[Source, ...], tuple[Source, ...]]
+    spools: SpoolChoice
 
     @property
     def surveys(self) -> tuple[Survey, ...]:
@@ -140,8 +152,8 @@ class Job:
     @property
     def notes(self) -> tuple[str, ...]:
         """What is to be said of the recordings."""
-        notes = apart_notes(self.seen) + update_notes((*self.sources, *self.others))
-        notes += [*stuck_notes(self.seen), *self.bias.notes]
+        notes = apart_notes(self.seen) + update_notes((*self.commanded[0], *self.commanded[1]))
+        notes += [*stuck_notes(self.seen), *self.bias.notes, *self.spools.notes]
         for recording in (survey.recording for survey in self.seen):
             notes += [f"{recording.path.name}: {note}" for note in recording.notes]
             if recording.gaps:
@@ -201,8 +213,8 @@ def prepared(
         The robot lists an effect that is not in the catalogue.
     """
     sources, others = recordings
-    effects = ListedEffects.of(robot)
     seen = tuple(workers.map(partial(survey_source, robot=robot), (*sources, *others)))
+    effects = ListedEffects.of(robot)
     surveys = seen[: len(sources)]
     signals = merged_signals(robot, surveys)
     every = 0 if others else settings.hold_out_every
@@ -231,8 +243,15 @@ def prepared(
     if settings.estimator != "iv" and referenced_share(surveys) < REFERENCED_SHARE:
         bias = position_bias(Look(plan_at, sources, still, signals, workers), bias.filters, free)
     plan = plan_at(bias.filters)
-    sources, others = with_updates(robot, sources, others, seen, plan.split.training)
-    return Job(robot, sources, others, seen, signals, plan, still, every, workers, bias)
+    volts = with_updates(robot, sources, others, seen, plan.split.training)
+    spools = spool_choice(volts[0], seen, plan)
+    sources, others = volts
+    if spools.taken:
+        plan = replace(plan, effects=behind_spools(plan.effects))
+        sources, others = (spools_of(given) for given in recordings)
+        seen = told_by_spools(robot, (*sources, *others), seen)
+    own = sources, others, seen, signals, plan
+    return Job(robot, *own, still, every, workers, bias, volts, spools)
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,8 +285,10 @@ class Scores:
 
 def scored(job: Job, estimates: Estimates) -> Scores:
     """The last pass: scores on what is held out, eq. 14 beside the chambers on the sources."""
+    # Behind a reading of the spool nothing of the given command's delay is left.
+    given = replace(job.robot, command_delay_s=0.0) if job.spools.taken else job.robot
     plan = ScorePlan(
-        job.robot,
+        given,
         estimates.inertial,
         estimates.hydraulic,
         (job.plan.effects, estimates.effects),
@@ -320,8 +341,10 @@ def _late(fit: InertialFit | None, gathered: Sequence[Moments]) -> tuple[LateFor
 
 
 def rolled_out(job: Job, found: Robot | None, hydraulic: HydraulicFit | None) -> FreeRun:
-    """Free run of the given and of the identified robot on what is scored."""
-    checks = first_traces(job.checks, ROLLED_OUT_S)
+    """Free run of the given and of the identified robot on what is scored, by its voltages."""
+    sources, others = job.commanded
+    rolled = others or (sources if job.every else ())
+    checks = first_traces(rolled, ROLLED_OUT_S)
     why_not = no_free_run(job.robot, hydraulic)
     return free_run(job.robot, found, checks, job.plan.split, job.plan.filters, why_not)
 

@@ -10,10 +10,12 @@ import numpy as np
 from hydro_ident.bag.digest import Digest
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.recorded_with import recorded_apart
+from hydro_ident.bag.streaming import cut_recording
 from hydro_ident.estimate.forces.standstill import Rest, least_travel, rests_of, still_joints
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.traces import traces_of_piece
 from hydro_ident.identify.continuity import Continuity, bridged_notes, partial_notes
+from hydro_ident.identify.spool_look import SpoolLook
 from hydro_ident.identify.verdict import recorded_as_others
 from hydro_ident.inspecting.mistaken_pressures import mistaken_notes
 from hydro_ident.recordings.sources import Source
@@ -36,6 +38,7 @@ class Survey:
     referenced_s, usable_s : float
         Time with a recorded reference throughout, and time in all.
     continuity : Continuity
+    spools : SpoolLook
     """
 
     name: str
@@ -47,6 +50,7 @@ class Survey:
     referenced_s: float = 0.0
     usable_s: float = 0.0
     continuity: Continuity = field(default_factory=Continuity)
+    spools: SpoolLook = field(default_factory=SpoolLook)
 
 
 def survey_source(source: Source, robot: Robot) -> Survey:
@@ -55,6 +59,7 @@ def survey_source(source: Source, robot: Robot) -> Survey:
     found = _Found()
     for piece in source.pieces():
         digest.add(piece)
+        found.spools.add(cut_recording(piece.recording, piece.core))
         traces = traces_of_piece(piece)
         found.continuity.add(piece, traces)
         for trace in traces:
@@ -74,6 +79,7 @@ def survey_source(source: Source, robot: Robot) -> Survey:
         found.referenced_s,
         found.usable_s,
         found.continuity,
+        found.spools,
     )
 
 
@@ -84,6 +90,7 @@ class _Found:
     referenced_s: float = 0.0
     usable_s: float = 0.0
     continuity: Continuity = field(default_factory=Continuity)
+    spools: SpoolLook = field(default_factory=SpoolLook)
 
 
 def recorded_notes(surveys: Iterable[Survey]) -> tuple[str, ...]:

@@ -130,6 +130,8 @@ def _delay(robot: Robot, hydraulic: HydraulicFit) -> Parameter:
     reason, longest = "", 0.0 < hydraulic.longest_s <= value
     if not used:
         reason = "hydraulics rejected: those of every cylinder"
+    elif not known and hydraulic.by_spools:
+        reason = "no voltage tells it: the openings are measured spools"
     elif known and longest:
         cycles = hydraulic.windows.max_delay_cycles
         tried = f"{cycles:g} cycles, {value:g} s" if cycles > 1.0 else f"one cycle of {value:g} s"

@@ -40,6 +40,8 @@ class HydraulicFit:
         By valve, where they differ: its chambers are fitted at its own.
     rails : tuple of RailConstant
         Of rails that nobody read.
+    by_spools : bool
+        Openings are measured spools: `valve_delays` are those of what passes behind the readings.
     """
 
     delay_s: float
@@ -50,6 +52,7 @@ class HydraulicFit:
     longest_s: float = math.inf
     valve_delays: Mapping[str, ValveDelay] = field(default_factory=dict)
     rails: tuple[RailConstant, ...] = ()
+    by_spools: bool = False
 
     def delay_of(self, valve: str) -> float:
         """Delay in s at which a valve's chambers are fitted, by its name."""
