@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -331,3 +333,13 @@ def test_a_robot_with_a_model_file_reads_alike(write_bag, run_columns) -> None:
     robot = load_robot("xs031")
     again = load_robot(robot.source)
     np.testing.assert_array_equal(read_recording(path, robot).q, read_recording(path, again).q)
+
+
+def test_under_a_name_that_a_joint_has_no_stroke_is_read(write_bag, run_columns, robot) -> None:
+    """An angle of 0.6 rad would be one of 0.6 m."""
+    lift, tilt = robot.cylinders
+    named = replace(robot, cylinders=(replace(lift, name="lift"), tilt))
+    valves = (replace(robot.valves[0], cylinder="lift"), robot.valves[1])
+    r = read_recording(write_bag(run_columns(20)), replace(named, valves=valves))
+    assert r.stroke is None
+    assert np.isfinite(r.q).all()

@@ -199,9 +199,15 @@ def _joint_columns(grid: IntArray, topics: Mapping[str, Topic], robot: Robot) ->
     q = join(grid, joints, robot.joint_names, "position")
     return {
         "q": q if q is not None else np.full((len(grid), robot.dof), np.nan),
-        "stroke": join(grid, joints, [c.name for c in robot.cylinders], "position"),
+        "stroke": join(grid, joints, _stroke_names(robot), "position"),
         "effort": join(grid, joints, robot.joint_names, "effort"),
     }
+
+
+def _stroke_names(robot: Robot) -> list[str]:
+    """Entries of strokes; under a name that a joint has, too, stands the joint's position."""
+    names = [cylinder.name for cylinder in robot.cylinders]
+    return [name if name not in robot.joint_names else "" for name in names]
 
 
 def fill_angles(

@@ -254,10 +254,6 @@ def drop(*way: str | int) -> Change:
         (set_in("cylinders", 0, "joint", value="elbow"), "no joint 'elbow' (known: lift, tilt)"),
         (set_in("cylinders", 1, "joint", value="lift"), "'lift' appears more than once"),
         (set_in("cylinders", 1, "name", value="lift_cylinder"), "appears more than once"),
-        (
-            set_in("cylinders", 0, "name", value="tilt"),
-            "expected a name of cylinder 'tilt' that no joint has ('tilt_cylinder', say), found",
-        ),
         (set_in("cylinders", 0, "bore_m", value=float("nan")), "should be a finite number"),
         (set_in("cylinders", 0, "bore_m", value=float("inf")), "should be a finite number"),
         (set_in("cylinders", 0, "bore_m", value=True), "should be a number, found True"),

@@ -21,7 +21,7 @@ _LOG = logging.getLogger(__name__)
 
 
 def check_robot(robot: Robot, path: Path) -> None:
-    """Names given twice, shared or not there, cylinders that their joints do not fit, no pressure.
+    """Names given twice or not there, cylinders that their joints do not fit, no pressure.
 
     Parameters
     ----------
@@ -39,13 +39,6 @@ def check_robot(robot: Robot, path: Path) -> None:
     check_once("valve of cylinder", [v.cylinder for v in robot.valves], path)
     cylinders = tuple(c.name for c in robot.cylinders)
     for cylinder in robot.cylinders:
-        # A bag's names alone tell a stroke from an angle.
-        if cylinder.name in robot.joint_names:
-            raise RobotError(
-                f"{path}: expected a name of cylinder '{cylinder.name}' that no joint has"
-                f" ('{cylinder.name}_cylinder', say), found a joint of that name: /joint_states"
-                " has the angles of joints and the strokes of cylinders by their names"
-            )
         check_known(
             f"cylinder '{cylinder.name}'", "joint", cylinder.joint, robot.joint_names, path
         )
