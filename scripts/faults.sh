@@ -3,7 +3,7 @@
 #   scripts/faults.sh [--json FILE] [--injections N] [--processes N] [--seed S]
 # Results for the documentation: scripts/faults.sh --json hydro_msgs_docs/results/faults.json
 # Either number may be 0: what is not run stays in FILE, and the page says which sources are new.
-# ROS_DOMAIN_ID should be one of its own: it clears trips and publishes commands.
+# It takes a ROS domain in which nobody on this computer takes part.
 set -euo pipefail
 shopt -s inherit_errexit
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+import socket
 import subprocess
 import sys
 import time
@@ -15,12 +16,15 @@ from pathlib import Path
 
 import pytest
 
+from hydro_ident.bench import processes
+from hydro_ident.study.faults import __main__ as faults
 from hydro_msgs_docs.middleware import (
     LOCAL,
     PROFILES,
     PROFILES_FILE,
     RANGE,
     prepare_middleware,
+    unused_domain,
 )
 
 ROOT = Path(__file__).parents[1]
@@ -133,3 +137,36 @@ def test_a_node_listens_to_the_subnet_only_when_asked(tmp_path: Path, asked: str
     finally:
         process.terminate()
         process.wait(PATIENCE_S)
+
+
+def test_a_domain_of_a_campaign_is_nobodys() -> None:
+    """Of its own whatever the shell says, and none in which somebody takes part."""
+    free = unused_domain()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
+        # Where the first participant of a domain is reached (OMG DDSI-RTPS, 9.6.1.1).
+        participant.bind(("", 7400 + 250 * free + 10))
+        other = unused_domain()
+    assert other != free
+    assert 10 <= other <= 99
+
+
+def test_benchmarks_and_campaigns_take_such_a_domain(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The shell's may be a machine's, which they would activate and clear."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    monkeypatch.setattr(processes, "unused_domain", lambda: 98)
+    assert processes.Processes(tmp_path).environment["ROS_DOMAIN_ID"] == "98"
+
+    class StopError(Exception):
+        pass
+
+    def stage(*_: object) -> None:
+        raise StopError
+
+    monkeypatch.setattr(faults, "unused_domain", lambda: 97)
+    monkeypatch.setattr(faults, "on_end", lambda end: None)
+    monkeypatch.setattr("hydro_ident.study.faults.stage.Stage", stage)
+    with pytest.raises(StopError):
+        faults._in_wall_time(1, 0, tmp_path)
+    assert os.environ["ROS_DOMAIN_ID"] == "97"

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from hydro_msgs_docs.errors import ContractError
 
+DOMAIN = "ROS_DOMAIN_ID"
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 LOCAL = "LOCALHOST"
 #: Where Fast DDS looks for settings of its own, and ours.
@@ -17,8 +19,37 @@ PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 PROFILES_FILE = Path(__file__).with_name("fastdds.xml")
 
 
+#: Domains that trials take; those below are people's.
+_DOMAINS = range(10, 100)
+#: Who takes part in a domain listens on some of the 250 UDP ports from this one on, times 250.
+_PORT, _PORTS = 7400, 250
+
+
 class MiddlewareError(ContractError):
     """ROS cannot be started with these arguments, or in this environment."""
+
+
+def unused_domain() -> int:
+    """A ROS domain from 10 to 99 in which nobody on this computer takes part.
+
+    For campaigns and benchmarks: whatever the shell says, they neither hear nor disturb a machine.
+
+    Raises
+    ------
+    MiddlewareError
+        All are in use.
+    """
+    ports = set[int]()
+    for table in (Path("/proc/net/udp"), Path("/proc/net/udp6")):
+        with suppress(OSError):  # no such protocol here
+            rows = table.read_text(encoding="ascii").splitlines()[1:]
+            ports |= {int(row.split()[1].rpartition(":")[2], 16) for row in rows}
+    used = {(port - _PORT) // _PORTS for port in ports}
+    first = os.getpid() % len(_DOMAINS)  # two that begin at once do not take the same one
+    for domain in (*_DOMAINS[first:], *_DOMAINS[:first]):
+        if domain not in used:
+            return int(domain)
+    raise MiddlewareError("all ROS domains from 10 to 99 are in use on this computer")
 
 
 def start_ros(name: str, arguments: Sequence[str] = (), handlers: Any = None) -> None:

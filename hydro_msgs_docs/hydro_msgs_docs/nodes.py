@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from hydro_model.errors import HydroError
+from hydro_msgs_docs.errors import ContractError
 from hydro_msgs_docs.topics import DIAGNOSTICS, reliable
 
 OK, WARN, ERROR, STALE = (
@@ -24,14 +25,46 @@ OK, WARN, ERROR, STALE = (
     DiagnosticStatus.STALE,
 )
 
+#: Transitions towards driving, which a node makes alone with its name or not at all.
+_ALONE = ("configure", "activate")
+
 Transition = Callable[[Any, LifecycleState], TransitionCallbackReturn]
+
+
+class NamesakeError(ContractError):
+    """Another node has this one's name: what is asked of one is asked of both."""
+
+
+def refuse_namesakes(node: Node) -> None:
+    """Refuse to go on beside another node of the same name.
+
+    A service is called by its name: whoever configures, activates or clears one node does so with
+    all of that name in the ROS domain, and each has a machine of its own.
+
+    Parameters
+    ----------
+    node : Node
+
+    Raises
+    ------
+    NamesakeError
+    """
+    name = node.get_fully_qualified_name()
+    count = node.get_fully_qualified_node_names().count(name)
+    if count > 1:
+        raise NamesakeError(
+            f"{count} nodes are called {name} in ROS domain {node.context.get_domain_id()},"
+            " expected one: what is asked of one is asked of all; give each machine a"
+            " ROS_DOMAIN_ID of its own"
+        )
 
 
 def logged_transition(body: Callable[[Any], None]) -> Transition:
     """Make a lifecycle callback of a method that raises on failure.
 
     rclpy swallows what a lifecycle callback raises, so the message is logged here and the
-    transition fails: back to the state before for a HydroError, ERROR for anything else.
+    transition fails: back to the state before for a HydroError, ERROR for anything else. What
+    leads towards driving fails beside another node of this one's name, too.
 
     Parameters
     ----------
@@ -45,6 +78,8 @@ def logged_transition(body: Callable[[Any], None]) -> Transition:
 
     def transition(self: LifecycleNode, _state: LifecycleState) -> TransitionCallbackReturn:
         try:
+            if body.__name__.strip("_") in _ALONE:
+                refuse_namesakes(self)
             body(self)
         except HydroError as error:
             self.get_logger().error(f"{body.__name__.strip('_')}: {error}")

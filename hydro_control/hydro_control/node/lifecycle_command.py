@@ -6,6 +6,7 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 from hydro_control.errors import ControlError
@@ -18,9 +19,15 @@ from hydro_msgs_docs.middleware import start_ros
 _AGAIN_S = 5.0
 #: How long a node may take to answer that what it did not activate in time is deactivated again.
 _TAKEN_BACK_S = 2.0
+#: Once one node of a name was found, others of that name that are there are found within this.
+_OTHERS_S = 0.5
+#: Nobody was found for so long: nobody is there.
+_FREE_S = 1.5
 NAME = "lifecycle"
 #: No transition: a bridge that has tripped stays active.
 CLEAR_TRIP = "clear_trip"
+#: Nor is this: whether a name is free, for who is about to start a node of it.
+ABSENT = "absent"
 #: Transitions, and the state that a node is in after each.
 _TRANSITIONS = {
     "configure": "inactive",
@@ -29,12 +36,13 @@ _TRANSITIONS = {
     "cleanup": "unconfigured",
     "shutdown": "finalized",
 }
+_NOBODY = "no node answers at {} within {:g} s: is it up?"
 #: Of what `--json` writes.
 SCHEMA = "hydro_control/lifecycle/1"
 
 
 class TransitionError(ControlError):
-    """The node did not answer, or did not make the transition."""
+    """The node did not answer, did not make the transition, or is not alone with its name."""
 
     exit_code = 1
 
@@ -63,7 +71,7 @@ def run(arguments: Sequence[str]) -> int:
     Raises
     ------
     TransitionError
-        No such node within the timeout, or the transition failed.
+        No such node within the timeout, more than one, or the transition failed.
     """
     args = _parser().parse_args(arguments)
     import rclpy
@@ -99,6 +107,13 @@ def _done(
     rclpy: Any, node: Any, target: str, asked: str, timeout_s: float
 ) -> tuple[dict[str, str], str]:
     """What came of it, for a program and for a person."""
+    if asked == ABSENT:
+        _refuse_present(node, target)
+        return {"state": ABSENT}, ""
+    if asked == "deactivate":
+        _deactivate(rclpy, node, target, timeout_s)
+        return {"state": _TRANSITIONS[asked]}, ""
+    _refuse_several(node, target, asked, timeout_s)
     if asked == "get":
         state = _state(rclpy, node, target, timeout_s)
         return {"state": state}, state
@@ -113,12 +128,13 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog=NAME,
         description="Change or read the state of a lifecycle node, or clear the trip of a bridge"
-        " once its cause is gone.",
+        " once its cause is gone. Where several nodes have the name nothing is asked of any, as"
+        " all would do it; `deactivate` alone is asked of them all.",
     )
     parser.add_argument(
         "transition",
-        choices=(*_TRANSITIONS, "get", CLEAR_TRIP),
-        help="change of the node's state, or what is asked of it",
+        choices=(*_TRANSITIONS, "get", CLEAR_TRIP, ABSENT),
+        help="change of the node's state, or what is asked of it; absent: fail where it is there",
     )
     parser.add_argument("node", metavar="NODE", help="name of the node, such as controller")
     parser.add_argument(
@@ -152,6 +168,72 @@ def seconds(text: str) -> float:
     return value
 
 
+def _found(node: Any, target: str, service: str) -> int:
+    """How many nodes of a name there are, as far as is known by now."""
+    # A node and its services are told of apart: whichever is known first.
+    services: int = node.count_services(f"{target}/{service}")
+    nodes: int = node.get_fully_qualified_node_names().count(target)
+    return max(services, nodes)
+
+
+def _several(node: Any, target: str, service: str = "change_state") -> str:
+    """What there is in the place of one node, in words; empty where no second one is found."""
+    end = time.monotonic() + _OTHERS_S
+    while (count := _found(node, target, service)) < 2:
+        if time.monotonic() > end:
+            return ""
+        time.sleep(0.02)
+    return f"{count} nodes are called {target} in ROS domain {node.context.get_domain_id()}"
+
+
+def _refuse_several(node: Any, target: str, asked: str, timeout_s: float) -> None:
+    """Refuse where one request would reach more than one node: another machine's does it, too."""
+    service = {"get": "get_state", CLEAR_TRIP: CLEAR_TRIP}.get(asked, "change_state")
+    end = time.monotonic() + timeout_s
+    while not _found(node, target, service):
+        if time.monotonic() > end:
+            raise TransitionError(_NOBODY.format(f"{target}/{service}", timeout_s))
+        time.sleep(0.02)
+    if several := _several(node, target, service):
+        raise TransitionError(
+            f"{several}, expected one: nothing was asked, as all of them would {asked}; give each"
+            " machine a ROS_DOMAIN_ID of its own"
+        )
+
+
+def _refuse_present(node: Any, target: str) -> None:
+    """Refuse where a node of a name is there."""
+    end = time.monotonic() + _FREE_S
+    while time.monotonic() < end:
+        if count := _found(node, target, "change_state"):
+            domain = node.context.get_domain_id()
+            raise TransitionError(
+                f"expected nobody called {target} in ROS domain {domain}, found {count}: a machine"
+                " is brought up there already; end that, or set another ROS_DOMAIN_ID"
+            )
+        time.sleep(0.02)
+
+
+def _deactivate(rclpy: Any, node: Any, target: str, timeout_s: float) -> None:
+    """Stop first and count after: who has to stop is neither kept waiting nor refused."""
+    from lifecycle_msgs.msg import Transition
+
+    failed: TransitionError | None = None
+    try:
+        _change(rclpy, node, target, "deactivate", timeout_s)
+    except TransitionError as error:
+        failed = error  # of one that was not active, perhaps, beside one that is
+    if several := _several(node, target):
+        asking = _Asking(rclpy, node, target)
+        with suppress(_NoAnswerError):
+            asking.succeeds(Transition.TRANSITION_DEACTIVATE, "deactivate", _TAKEN_BACK_S)
+        raise TransitionError(
+            f"{several}, expected one: all were asked to deactivate, and which have is not known"
+        )
+    if failed is not None:
+        raise failed
+
+
 def _call(
     rclpy: Any,
     node: Any,
@@ -172,7 +254,7 @@ def _call(
     end = time.monotonic() + timeout_s
     client = node.create_client(kind, service) if client is None else client
     if not client.wait_for_service(timeout_sec=timeout_s):
-        raise TransitionError(f"no node answers at {service} within {timeout_s:g} s: is it up?")
+        raise TransitionError(_NOBODY.format(service, timeout_s))
     while True:
         left = max(0.1, end - time.monotonic())
         future = client.call_async(request)

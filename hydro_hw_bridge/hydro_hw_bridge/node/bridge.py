@@ -34,9 +34,11 @@ from hydro_msgs_docs.nodes import (
     OK,
     WARN,
     Diagnostics,
+    NamesakeError,
     fix_parameters,
     logged_transition,
     refuse_closed_transitions,
+    refuse_namesakes,
 )
 from hydro_msgs_docs.real_time import RealTime
 
@@ -171,7 +173,12 @@ class CanBridge(LifecycleNode):
         self._on_change()
 
     def _clear_trip(self, _request: Any, response: Any) -> Any:
-        response.success, response.message = self._loops.clear_trip()
+        try:
+            refuse_namesakes(self)
+        except NamesakeError as error:
+            response.success, response.message = False, str(error)
+        else:
+            response.success, response.message = self._loops.clear_trip()
         self.get_logger().info(f"clear_trip: {response.message}")
         self._on_change()
         return response

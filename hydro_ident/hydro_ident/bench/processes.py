@@ -10,6 +10,7 @@ from pathlib import Path
 
 from hydro_ident.errors import IdentError
 from hydro_ident.study.patience import run_within
+from hydro_msgs_docs.middleware import DOMAIN, unused_domain
 
 LIFECYCLE = "hydro_control.node.lifecycle_command"
 #: How long to wait for an end.
@@ -38,10 +39,9 @@ class Processes:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.by_name: dict[str, subprocess.Popen[bytes]] = {}
-        domain = str(10 + os.getpid() % 90)
         self.environment = {
             **os.environ,
-            "ROS_DOMAIN_ID": domain,
+            DOMAIN: str(unused_domain()),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }
 

@@ -24,6 +24,7 @@ from hydro_ident.study.placed import write_result
 from hydro_model.command_line.command import Parser, run_command
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.endings import on_end
+from hydro_msgs_docs.middleware import DOMAIN, unused_domain
 
 SCHEMA = "hydro_ident/faults/2"
 PARTS = ("device_time", "wall_time")
@@ -122,6 +123,8 @@ def _in_wall_time(count: int, seed: int, root: Path) -> dict[str, Any]:
     from hydro_ident.study.faults.ros_end import RosEnd
     from hydro_ident.study.faults.stage import Stage
 
+    # It clears trips and publishes commands: of no machine that somebody has brought up.
+    os.environ[DOMAIN] = str(unused_domain())
     # Shared memory of a killed process may hold up the next: `network.md`.
     os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     # Its processes end with it, whatever ends it.
