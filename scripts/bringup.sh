@@ -14,11 +14,13 @@
 #   --no-calibration   drive on --can with the mapping's own zeros, offsets and signs
 #   --record NAME      record a bag into ./bags
 #   --bus BUS          bus of --sim (default udp_multicast:239.74.163.2:43113)
+# It starts only where no other one is up in its ROS domain: ROS_DOMAIN_ID tells machines apart. --sim takes
+# an unused domain where none is set, and says which.
 set -euo pipefail
 shopt -s inherit_errexit
 
 here=$(CDPATH='' cd -- "$(dirname "${BASH_SOURCE[0]}")" && pwd)
-usage() { sed -n '2,17s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; }
+usage() { sed -n '2,19s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; }
 bad() { printf 'bringup: %s\n' "$*" >&2; exit 2; }
 
 can= robot=xs031 controller= bridge= path= mapping= dbc= calibration= record= sim=false drive=false uncalibrated=false
@@ -69,6 +71,15 @@ control=(--ros-args --params-file "$(realpath "$gains")" -p "robot:=$robot")
 if [[ -f $path ]]; then path=$(realpath "$path"); fi
 [[ -z $path ]] || control+=(-p "path:=$path")
 
+if $sim && [[ -z ${ROS_DOMAIN_ID:-} ]]; then
+  # A rehearsal must neither hear nor disturb a machine.
+  ROS_DOMAIN_ID=$(unused_domain $((BASHPID % 90 + 10)))
+  export ROS_DOMAIN_ID
+  note "in a ROS domain of its own: first of all in other terminals, export ROS_DOMAIN_ID=$ROS_DOMAIN_ID"
+fi
+# What is asked of one is asked of all of that name in the domain.
+absent can_bridge controller
+
 if $sim; then
   # Whatever model of the reference crane is driven, the rig is that crane as it truly is; of any other robot
   # nothing is known but its file. It speaks the bus that the bridge is told of.
@@ -83,6 +94,37 @@ if $sim; then
 fi
 start bridge "$(hydro_exe hydro_hw_bridge can_bridge)" --ros-args "${parameters[@]}"
 start controller "$(hydro_exe hydro_control controller)" "${control[@]}"
+
+# What the bridge says of itself, from its log: whether it drives its gate alone knows.
+exec {bridge_log}<"$log_dir/bridge.log"
+state='' unread=''
+# hear: its next whole line into $line, where there is one.
+hear() {
+  local part=
+  if ! IFS= read -r -u "$bridge_log" part; then unread+=$part; return 1; fi
+  line=$unread$part unread=''
+}
+# look_at_bridge: take what it has said since the last look, and tell what changes for who stands by.
+look_at_bridge() {
+  local line
+  while hear; do
+    [[ $line == *'[can_bridge]: '* ]] || continue
+    line=${line#*'[can_bridge]: '}
+    case $line in
+      driving)
+        [[ $state == driving ]] || note "driving $robot on $can; Ctrl-C stops with the valves at zero"
+        state=driving ;;
+      tripped:*)
+        note "NOT driving $robot, valves at zero: the gate $line"
+        note "  once its cause is gone: $lifecycle clear_trip /can_bridge"
+        state=tripped ;;
+      inactive:* | waiting* | 'nothing from the device'*)
+        [[ $state != driving ]] || note "NOT driving $robot any more: the bridge is $line"
+        state=$line ;;
+    esac
+  done
+}
+
 transition can_bridge bridge configure
 transition controller controller configure
 if [[ -n $record ]]; then
@@ -100,13 +142,23 @@ if $drive; then
   # The controller's path starts with its first sample: the bridge must be driving by then.
   transition can_bridge bridge activate
   transition controller controller activate
-  note "driving $robot on $can; Ctrl-C stops with the valves at zero (logs in $log_dir)"
+  # An active node is no valve that is driven: the gate may have tripped before its first command.
+  for ((i = 0; i < 100; i++)); do
+    look_at_bridge
+    [[ $state != driving && $state != tripped ]] || break
+    if ! running bridge || ! running controller; then break; fi
+    sleep 0.1
+  done
+  [[ $state == driving || $state == tripped ]] ||
+    note "NOT driving $robot yet: the bridge is ${state:-silent}"
+  note "Ctrl-C ends (logs in $log_dir)"
 else
   note "reading $robot on $can, valves not driven (--drive drives); Ctrl-C ends (logs in $log_dir)"
 fi
 
 recording=$record
 while running bridge && running controller; do
+  look_at_bridge
   if [[ -n $recording ]] && ! running recorder; then
     recording=
     note "NOT RECORDING any more, and going on: recorder: $(last_line recorder)"

@@ -1,9 +1,11 @@
 # Sourced: child processes of a script, started with a log each and taken down in order.
 # shellcheck shell=bash
 #
-#   start NAME COMMAND ...     in a session of its own, output to $log_dir/NAME.log
+#   start NAME COMMAND ...     in a session of its own, output to $log_dir/NAME.log; gets SIGTERM should
+#                              the script be killed, where util-linux's setpriv can see to it
 #   transition NODE NAME WHAT  lifecycle transition of NODE, the process NAME; ends with its error
 #   wait_for NAME TEXT [S]     until NAME's log shows TEXT, at most S seconds (120)
+#   absent NODE ...            ends with what is there where a node of one of these names is
 #   unused_domain FROM         the first ROS domain from FROM on that nobody here takes part in
 #   stop NAME ...              SIGTERM, then SIGKILL after 10 s; waits; 0 V comes first where
 #                              the caller names the controller and the bridge first
@@ -15,12 +17,18 @@ process_order=()
 lifecycle=$(hydro_exe hydro_control lifecycle)
 log_dir=${log_dir:-$(mktemp -d -t hydro-logs.XXXXXX)}
 
+# A script that is killed can stop nobody: its children are told by the kernel, and end with 0 V.
+with_parent=(setpriv --pdeathsig TERM)
+"${with_parent[@]}" true 2>/dev/null || with_parent=()
+
 note() { printf '%s\n' "$*" >&2; }
 
 start() {
   local name=$1
   shift
-  (trap - EXIT INT TERM HUP && exec setsid "$@") >"$log_dir/$name.log" 2>&1 </dev/null &
+  # There at once, for who reads what it says.
+  : >"$log_dir/$name.log"
+  (trap - EXIT INT TERM HUP && exec setsid "${with_parent[@]}" "$@") >"$log_dir/$name.log" 2>&1 </dev/null &
   process_of[$name]=$!
   process_order+=("$name")
 }
@@ -81,6 +89,23 @@ transition() {
   wait "$client" || code=$?
   client=
   ((code == 0)) || fail_with_log "$node did not $what:" "$name"
+}
+
+# Several are asked about at once, as each takes seconds; one line says it.
+absent() {
+  local node code
+  local -A asked=()
+  for node in "$@"; do
+    "$lifecycle" absent "/$node" 2>"$log_dir/absent_$node.log" &
+    asked[$node]=$!
+  done
+  for node in "$@"; do
+    code=0
+    wait "${asked[$node]}" || code=$?
+    ((code == 0)) && continue
+    cat "$log_dir/absent_$node.log" >&2
+    exit "$code"
+  done
 }
 
 wait_for() {

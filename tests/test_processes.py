@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import socket
 import subprocess
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -66,6 +68,40 @@ def test_a_script_that_is_asked_to_end_twice_leaves_nobody_behind(
         assert not [pid for pid in children if _there(pid)]
     finally:
         script.kill()
+
+
+@pytest.mark.skipif(
+    subprocess.run(["setpriv", "--pdeathsig", "TERM", "true"], check=False).returncode != 0
+    if shutil.which("setpriv")
+    else True,
+    reason="no setpriv of util-linux that has --pdeathsig",
+)
+def test_a_script_that_is_killed_leaves_nobody_driving(tmp_path: Path) -> None:
+    """They are told to end, as by itself, and have the time for it that they need."""
+    ending = 'trap "sleep 0.5; echo 0 V; exit 0" TERM; echo up; while :; do sleep 0.05; done'
+    script = f"""
+set -euo pipefail
+hydro_exe() {{ :; }}
+source "$scripts/processes.sh"
+start bridge bash -c '{ending}'
+wait_for bridge up
+echo "${{process_of[bridge]}}" >"$log_dir/pids.txt"
+while running bridge; do sleep 0.2; done
+"""
+    own = {"scripts": str(SCRIPTS), "log_dir": str(tmp_path)}
+    process = subprocess.Popen(["bash", "-c", script], env={**os.environ, **own})
+    (bridge,) = _wait_for(tmp_path / "pids.txt")
+    try:
+        process.kill()
+        process.wait(PATIENCE_S)
+        end = time.monotonic() + PATIENCE_S / 4
+        while _there(bridge):
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        assert (tmp_path / "bridge.log").read_text(encoding="utf-8") == "up\n0 V\n"
+    finally:
+        with suppress(ProcessLookupError):
+            os.kill(bridge, signal.SIGKILL)
 
 
 def test_a_domain_in_which_somebody_takes_part_is_not_taken() -> None:
