@@ -36,6 +36,8 @@ from hydro_msgs_docs.real_time import RealTime, RealTimeOptions
 
 _DIAGNOSTICS_S = 1.0
 _LOOK_S = 0.1
+#: Without a sample for so long the controller says so.
+_UNANSWERED_S = 0.5
 
 
 class ControllerNode(LifecycleNode):
@@ -193,6 +195,9 @@ class ControllerNode(LifecycleNode):
             return OK, topics.IDLE[0] if self._hot is not None else topics.IDLE[1]
         if self._core.silent:
             return ERROR, self._core.silent
+        if self._hot.unanswered_s > _UNANSWERED_S:
+            # One text as long as it lasts; how long that is stands in the values.
+            return ERROR, f"{topics.WAITING}samples: none for more than {_UNANSWERED_S:g} s"
         fault, notes = self._core.untold.take()
         if (last := self._core.last) is not None:
             fault, notes = last.output.fault or fault, last.output.notes or notes
@@ -230,5 +235,6 @@ class ControllerNode(LifecycleNode):
         values |= {"adaptation": "off"} if adaptation is None else adaptation.report()
         if self._hot is not None:
             values["malformed"] = self._hot.malformed[0]
+            values["sample_age_s"] = f"{self._hot.unanswered_s:.1f}"
             values |= self._hot.times.values() | self._real_time.values()
         return values

@@ -84,6 +84,7 @@ class HotPath:
         self._held: threading.Thread | None = None
         self._matched = False
         self._driven = False
+        self._answered_s: float | None = None
         #: Lateness of samples, and time from wake-up to command.
         self.times = LoopTimes(1.0 / core.robot.sensors.rate_hz)
 
@@ -123,6 +124,7 @@ class HotPath:
             hot.take_newest()
             hot.forget()
         self._matched = self._driven = False
+        self._answered_s = None
         self.times = LoopTimes(1.0 / self._core.robot.sensors.rate_hz)
         self._stop.clear()
         # One that is held does not hold the process.
@@ -155,6 +157,12 @@ class HotPath:
         if self._core.path_waits:
             return "holding while the path is checked from here"
         return "following" if self._core.moving else "holding"
+
+    @property
+    def unanswered_s(self) -> float:
+        """How long ago the newest sample was answered, s; 0 before the first one."""
+        answered_s = self._answered_s
+        return 0.0 if answered_s is None else time.monotonic() - answered_s
 
     @property
     def malformed(self) -> tuple[int, str]:
@@ -192,6 +200,7 @@ class HotPath:
         if answer is None:
             return
         self._driven = True
+        self._answered_s = 1e-9 * begin_ns
         self._publish_command(answer.stamp_ns, answer.output.voltage_v)
         self.times.work.add(time.monotonic_ns() - begin_ns)
         self._joint_reference.publish(self._messages.joint_reference(answer))

@@ -29,6 +29,7 @@ from rclpy.serialization import serialize_message  # noqa: E402
 
 from hydro_control.core import winding_down  # noqa: E402
 from hydro_control.node.hot_path import HotPath  # noqa: E402
+from hydro_msgs_docs.nodes import ERROR, OK  # noqa: E402
 from hydro_msgs_docs.real_time import RealTime, RealTimeOptions  # noqa: E402
 
 pytestmark = pytest.mark.ros
@@ -273,6 +274,31 @@ def test_bytes_that_are_no_message_are_passed_over_counted_and_told(
     machine.answer(1)
     assert wait_for(lambda: status().message == "holding")
     assert int({v.key: v.value for v in status().values}["malformed"]) >= 3
+
+
+def test_samples_that_no_longer_come_are_an_error_until_they_come_again(
+    machine: Any, controller: Callable[..., subprocess.Popen[str]], wait_for: Callable[..., bool]
+) -> None:
+    controller()
+    heard = machine.heard[topics.DIAGNOSTICS]
+
+    def status() -> Any:
+        return heard[-1].status[0]
+
+    def age_s() -> float:
+        return float({v.key: v.value for v in status().values}["sample_age_s"])
+
+    assert wait_for(lambda: bool(heard) and status().message.startswith("waiting for "))
+    time.sleep(1.0)
+    # Before the first one nothing is missing.
+    assert status().level == OK
+    assert age_s() == 0.0
+    machine.answer(0)
+    silence = "waiting for samples: none for more than 0.5 s"
+    assert wait_for(lambda: (status().level, status().message) == (ERROR, silence))
+    assert wait_for(lambda: age_s() > 1.5)
+    machine.answer(1)
+    assert wait_for(lambda: (status().level, status().message) == (OK, "holding"))
 
 
 def test_waits_for_the_recorders(
