@@ -197,7 +197,8 @@ class ControllerNode(LifecycleNode):
             return ERROR, self._core.silent
         if self._hot.unanswered_s > _UNANSWERED_S:
             # One text as long as it lasts; how long that is stands in the values.
-            return ERROR, f"{topics.WAITING}samples: none for more than {_UNANSWERED_S:g} s"
+            silence = f"{topics.WAITING}samples: none for more than {_UNANSWERED_S:g} s"
+            return ERROR, "; ".join(filter(None, (silence, self._core.message)))
         fault, notes = self._core.untold.take()
         if (last := self._core.last) is not None:
             fault, notes = last.output.fault or fault, last.output.notes or notes

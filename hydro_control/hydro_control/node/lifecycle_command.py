@@ -22,7 +22,7 @@ _TAKEN_BACK_S = 2.0
 #: Once one node of a name was found, others of that name that are there are found within this.
 _OTHERS_S = 0.5
 #: Nobody was found for so long: nobody is there.
-_FREE_S = 1.5
+_FREE_S = 3.0
 NAME = "lifecycle"
 #: No transition: a bridge that has tripped stays active.
 CLEAR_TRIP = "clear_trip"
