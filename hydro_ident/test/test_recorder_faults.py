@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -287,6 +288,27 @@ def test_it_goes_on_when_nobody_reads_what_it_says(
     process.wait(timeout=PATIENCE_S)
     assert read_bag(path).losses == ()
     assert len(_unbroken(path)) > 100
+
+
+@pytest.mark.ros
+def test_it_goes_on_where_what_it_says_stands_in_a_pipe_that_is_full(
+    tmp_path: Path, publisher: Publisher, record: Callable[..., subprocess.Popen[str]]
+) -> None:
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(writing, bytes(4096))
+    os.set_blocking(writing, True)
+    process = record(_command(tmp_path, "--topics", TOPIC), stdout=writing, stderr=writing)
+    _wait_for(lambda: sum(file.stat().st_size for file in tmp_path.glob("*_t/*")) > 20_000)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=PATIENCE_S) == 0
+    (path,) = tmp_path.glob("*_t")
+    assert read_bag(path).losses == ()
+    assert len(_unbroken(path)) > 100
+    os.close(writing)
+    os.close(reading)
 
 
 def test_chunks_of_a_clock_that_went_back_are_not_kept_waiting(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from hydro_msgs_docs.aside import ROSOUT_ALONE
 from hydro_msgs_docs.errors import ContractError
 
 DOMAIN = "ROS_DOMAIN_ID"
@@ -52,7 +53,13 @@ def unused_domain() -> int:
     raise MiddlewareError("all ROS domains from 10 to 99 are in use on this computer")
 
 
-def start_ros(name: str, arguments: Sequence[str] = (), handlers: Any = None) -> None:
+def start_ros(
+    name: str,
+    arguments: Sequence[str] = (),
+    handlers: Any = None,
+    *,
+    rosout_alone: bool = False,
+) -> None:
     """Start ROS in this process; `rclpy.try_shutdown` ends it.
 
     Parameters
@@ -63,6 +70,9 @@ def start_ros(name: str, arguments: Sequence[str] = (), handlers: Any = None) ->
         Of its command line, `--ros-args ...` among them.
     handlers : rclpy.signals.SignalHandlerOptions, optional
         Which signals end ROS; by default all of which rclpy knows.
+    rosout_alone : bool
+        ROS's own loggers write to `/rosout` and nowhere else, as a write that waits would hold the
+        whole process: of a node that writes its log by `hydro_msgs_docs.aside`.
 
     Raises
     ------
@@ -83,7 +93,8 @@ def start_ros(name: str, arguments: Sequence[str] = (), handlers: Any = None) ->
     signals = {} if handlers is None else {"signal_handler_options": handlers}
     try:
         prepare_middleware()
-        rclpy.init(args=[name, *arguments], **signals)
+        own = ("--ros-args", *ROSOUT_ALONE) if rosout_alone else ()
+        rclpy.init(args=[name, *arguments, *own], **signals)
     except (RCLError, RCLInvalidROSArgsError, UnknownROSArgsError) as error:
         line = " ".join(str(error).split())
         raise MiddlewareError(f"ROS cannot be started as it was asked to: {line}") from error

@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from hydro_model.errors import HydroError
+from hydro_msgs_docs.aside import log_of
 from hydro_msgs_docs.errors import ContractError
 from hydro_msgs_docs.topics import DIAGNOSTICS, reliable
 
@@ -82,10 +83,10 @@ def logged_transition(body: Callable[[Any], None]) -> Transition:
                 refuse_namesakes(self)
             body(self)
         except HydroError as error:
-            self.get_logger().error(f"{body.__name__.strip('_')}: {error}")
+            log_of(self).error(f"{body.__name__.strip('_')}: {error}")
             return TransitionCallbackReturn.FAILURE
         except Exception as error:
-            self.get_logger().fatal(f"{body.__name__.strip('_')}: {type(error).__name__}: {error}")
+            log_of(self).fatal(f"{body.__name__.strip('_')}: {type(error).__name__}: {error}")
             raise
         return TransitionCallbackReturn.SUCCESS
 
@@ -113,7 +114,7 @@ def refuse_closed_transitions(node: LifecycleNode) -> None:
             return make(request, response)
         except RCLError as error:
             asked, why = request.transition, " ".join(str(error).split())
-            node.get_logger().error(f"transition {asked.label or asked.id} is refused: {why}")
+            log_of(node).error(f"transition {asked.label or asked.id} is refused: {why}")
             response.success = False
             return response
 

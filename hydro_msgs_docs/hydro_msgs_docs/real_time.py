@@ -122,6 +122,16 @@ def cores_of(text: str) -> tuple[int, ...]:
     return tuple(sorted(cores))
 
 
+def as_others() -> None:
+    """In a thread that takes seconds: be scheduled as other programs' are.
+
+    A thread has its maker's priority. One that computes for seconds before all ordinary programs
+    keeps them, and the threads of its own process that have that priority, from its core.
+    """
+    with suppress(OSError):  # nobody is refused less
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
 class RealTime:
     """The measures of one process, from `prepare` to `leave`.
 

@@ -22,6 +22,7 @@ from hydro_control.node.trajectory_intake import TrajectoryIntake
 from hydro_model.motion.paths import load_path
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs import topics
+from hydro_msgs_docs.aside import log_of
 from hydro_msgs_docs.node_parameters import declare
 from hydro_msgs_docs.nodes import (
     ERROR,
@@ -32,7 +33,7 @@ from hydro_msgs_docs.nodes import (
     logged_transition,
     refuse_closed_transitions,
 )
-from hydro_msgs_docs.real_time import RealTime, RealTimeOptions
+from hydro_msgs_docs.real_time import RealTime, RealTimeOptions, as_others
 
 _DIAGNOSTICS_S = 1.0
 _LOOK_S = 0.1
@@ -54,7 +55,8 @@ class ControllerNode(LifecycleNode):
         declare(self, parameters.PARAMETERS)
         self.failure: BaseException | None = None
         self._hot: HotPath | None = None
-        self._real_time = RealTime(RealTimeOptions(), self.get_logger().warn)
+        self._log = log_of(self)
+        self._real_time = RealTime(RealTimeOptions(), self._log.warn)
         self._active = False
         self._core = self._make_core()
         self._diagnostics = Diagnostics(self, self._core.robot.name)
@@ -90,16 +92,14 @@ class ControllerNode(LifecycleNode):
         self._core = self._make_core()
         self._odd_gains = "; ".join(gain_warnings(self._core.robot, self._core.gains))
         if self._odd_gains:
-            self.get_logger().warn(self._odd_gains)
-        self._real_time = RealTime(settings.real_time, self.get_logger().warn)
+            self._log.warn(self._odd_gains)
+        self._real_time = RealTime(settings.real_time, self._log.warn)
         self._hot = HotPath(
             self, self._core, settings.required_recorders, self._real_time, self._failed
         )
         options = QoSOverridingOptions.with_default_policies()
         core = self._core
-        intake = TrajectoryIntake(
-            core, lambda: self._active and self._core is core, self.get_logger()
-        )
+        intake = TrajectoryIntake(core, lambda: self._active and self._core is core, self._log)
         for message_type, topic, callback in (
             (JointTrajectory, topics.JOINT_TRAJECTORY, partial(intake.take, "joint")),
             (MultiDOFJointTrajectory, topics.TIP_TRAJECTORY, partial(intake.take, "tip")),
@@ -154,6 +154,7 @@ class ControllerNode(LifecycleNode):
     def close(self) -> None:
         """Give everything back, valves at 0 V first."""
         self._cleanup()
+        self._log.close()
         self.destroy_node()
 
     def _failed(self, error: BaseException) -> None:
@@ -176,7 +177,7 @@ class ControllerNode(LifecycleNode):
         level, message = self._status()
         now = time.monotonic()
         if message != self._said and level != OK:
-            self.get_logger().warn(message)
+            self._log.warn(message)
         if message != self._said or now - self._said_s >= _DIAGNOSTICS_S:
             self._said, self._said_s = message, now
             self._diagnostics.publish(level, message, self._values())
@@ -185,9 +186,14 @@ class ControllerNode(LifecycleNode):
         """In a thread of its own: a long path takes seconds, and stops are heard meanwhile."""
         busy = self._path_check is not None and self._path_check.is_alive()
         if self._active and self._core.path_waits and not busy:
-            check = self._core.requests.check_waiting_path
-            self._path_check = threading.Thread(target=check, name="path_check", daemon=True)
+            self._path_check = threading.Thread(
+                target=self._check_path, name="path_check", daemon=True
+            )
             self._path_check.start()
+
+    def _check_path(self) -> None:
+        as_others()
+        self._core.requests.check_waiting_path()
 
     def _status(self) -> tuple[bytes, str]:
         """What is to be said: of faults and notes those since the last look, too."""

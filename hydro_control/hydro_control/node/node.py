@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from hydro_control.errors import ControlError
 from hydro_model.command_line.command import run_command
+from hydro_msgs_docs.aside import unread_streams
 from hydro_msgs_docs.endings import on_end
 from hydro_msgs_docs.middleware import start_ros
 from hydro_msgs_docs.node_arguments import check_arguments
@@ -20,7 +21,8 @@ NAME = "controller"
 
 def main() -> int:
     """The command `controller`."""
-    return run_command(NAME, run)
+    with unread_streams():
+        return run_command(NAME, run)
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -52,7 +54,7 @@ def run(arguments: Sequence[str]) -> int:
     # A shorter turn of the interpreter's lock: planning a trajectory in another thread
     # then costs the control loop at most this much at each step.
     sys.setswitchinterval(0.0005)
-    start_ros(NAME, arguments, SignalHandlerOptions.NO)
+    start_ros(NAME, arguments, SignalHandlerOptions.NO, rosout_alone=True)
     try:
         node = ControllerNode()
         try:

@@ -14,6 +14,8 @@ from hydro_control.motion.asking import MOST_POINTS
 from hydro_control.motion.path_limits import refuse_frame
 from hydro_control.motion.reference_run import Standing
 from hydro_control.motion.trajectory import Waypoint
+from hydro_msgs_docs.aside import NodeLog
+from hydro_msgs_docs.real_time import as_others
 
 Space = Literal["tip", "joint"]
 
@@ -30,11 +32,11 @@ class TrajectoryIntake:
     core : ControllerCore
     active : callable
         Whether the controller is, at the moment.
-    logger : rclpy.impl.rcutils_logger.RcutilsLogger
+    log : NodeLog
     """
 
-    def __init__(self, core: ControllerCore, active: Callable[[], bool], logger: Any) -> None:
-        self._core, self._active, self._logger = core, active, logger
+    def __init__(self, core: ControllerCore, active: Callable[[], bool], log: NodeLog) -> None:
+        self._core, self._active, self._log = core, active, log
         self._check: threading.Thread | None = None
         self._checked: Standing | None = None
 
@@ -57,7 +59,7 @@ class TrajectoryIntake:
             self._refuse_inactive()
             if not message.points:
                 self._core.requests.trajectory(space, [], [])
-                self._logger.info(f"{space} trajectory to stop accepted")
+                self._log.info(f"{space} trajectory to stop accepted")
                 return
             if standing is None:
                 # Not for the first sample: a stop, or an end of driving, may come before it.
@@ -69,7 +71,7 @@ class TrajectoryIntake:
                     " trajectory (send_path --stop)"
                 )
         except ControlError as error:
-            self._logger.error(str(error))
+            self._log.error(str(error))
             return
         given = space, message, standing, self._check
         self._checked = standing
@@ -85,6 +87,7 @@ class TrajectoryIntake:
         standing: Standing,
         before: threading.Thread | None,
     ) -> None:
+        as_others()
         if before is not None:
             before.join()  # overtaken, it ends with the step that it is at
         stamp = message.header.stamp
@@ -99,11 +102,10 @@ class TrajectoryIntake:
             refused = str(error)
         if self._checked is standing:
             self._checked = None  # what is written about it keeps nobody waiting
-        # Each in a line of its own: rclpy lets none write once as an error and once as another.
         if refused:
-            self._logger.error(refused)
+            self._log.error(refused)
         else:
-            self._logger.info(f"{space} trajectory with {len(points)} points accepted")
+            self._log.info(f"{space} trajectory with {len(points)} points accepted")
 
     def _refuse_inactive(self) -> None:
         if not self._active():

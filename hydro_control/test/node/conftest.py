@@ -189,12 +189,15 @@ def controller(machine: Machine) -> Iterator[Callable[..., subprocess.Popen[str]
     started: list[subprocess.Popen[str]] = []
 
     def start(
-        *parameters: str, activate: bool = True, before: Sequence[str] = ()
+        *parameters: str,
+        activate: bool = True,
+        before: Sequence[str] = (),
+        log: int = subprocess.PIPE,
     ) -> subprocess.Popen[str]:
         ros = [part for p in parameters for part in ("-p", p)]
         command = [*before, sys.executable, "-m", "hydro_control.node.node", "--ros-args", *ros]
         process = subprocess.Popen(
-            command, env=ENVIRONMENT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            command, env=ENVIRONMENT, stderr=log, stdout=subprocess.PIPE, text=True
         )
         started.append(process)
         for transition in ("configure", "activate") if activate else ():

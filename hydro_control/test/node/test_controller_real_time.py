@@ -3,26 +3,34 @@
 from __future__ import annotations
 
 import gc
+import os
 import subprocess
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from hydro_control.core.core import Answer, ControllerCore, Sample
+from hydro_control.core.motion_requests import MotionRequests
 from hydro_control.gains import Gains
 from hydro_msgs_docs import topics
 
 rclpy = pytest.importorskip("rclpy")
+from trajectory_msgs.msg import JointTrajectory  # noqa: E402
+from trajectory_msgs.msg import JointTrajectoryPoint as Point  # noqa: E402
+
 from hydro_control.core import winding_down  # noqa: E402
 from hydro_control.node.hot_path import HotPath  # noqa: E402
+from hydro_control.node.trajectory_intake import TrajectoryIntake  # noqa: E402
 from hydro_msgs_docs.real_time import RealTime, RealTimeOptions  # noqa: E402
 
 pytestmark = pytest.mark.ros
+DOMAIN = 10 + (os.getpid() + 30) % 90
 
 
 def values_of(machine: Any) -> dict[str, str]:
@@ -67,6 +75,46 @@ def test_values_that_cannot_be_are_refused_at_start(
     ended = within("-p", parameter)
     assert ended.returncode == 2
     assert text in ended.stderr
+
+
+@pytest.fixture
+def fifo() -> Iterator[None]:
+    """The test's thread before all ordinary programs, as the node's are by `rt_priority`."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except OSError as error:
+        pytest.skip(f"no right to SCHED_FIFO here: {error.strerror}")
+    yield
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+def test_a_trajectory_is_checked_behind_all_that_has_a_priority(
+    fifo: None, wait_for: Callable[..., bool]
+) -> None:
+    seen: list[int] = []
+    requests = SimpleNamespace(
+        standing=SimpleNamespace(overtaken=False),
+        trajectory=lambda *_: seen.append(os.sched_getscheduler(0)),
+    )
+    core: Any = SimpleNamespace(requests=requests)
+    log: Any = SimpleNamespace(info=print, error=print)
+    TrajectoryIntake(core, lambda: True, log).take("joint", JointTrajectory(points=[Point()]))
+    assert wait_for(lambda: seen == [os.SCHED_OTHER])
+
+
+def test_so_is_the_path_that_waits(
+    node: Any, monkeypatch: pytest.MonkeyPatch, fifo: None, wait_for: Callable[..., bool]
+) -> None:
+    seen: list[int] = []
+    monkeypatch.setattr(ControllerCore, "path_waits", True)
+    monkeypatch.setattr(
+        MotionRequests,
+        "check_waiting_path",
+        lambda _: seen.append(os.sched_getscheduler(0)),
+    )
+    monkeypatch.setattr(node, "_active", True)
+    node._check_waiting_path()
+    assert wait_for(lambda: seen == [os.SCHED_OTHER])
 
 
 class BlockedCore(ControllerCore):

@@ -29,6 +29,7 @@ from hydro_hw_bridge.protocol.calibration import unmeasured
 from hydro_hw_bridge.protocol.codec import Codec
 from hydro_model.errors import HydroError
 from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.aside import log_of
 from hydro_msgs_docs.nodes import (
     ERROR,
     OK,
@@ -81,16 +82,17 @@ class CanBridge(LifecycleNode):
         codec, self._names = loaded_codec(settings, robot, calibration)
         self._unmeasured = unmeasured(codec.mapping, calibration) if calibration else ""
         limits = gate_limits(settings, robot)
-        real_time = RealTime(settings.real_time, self.get_logger().warn)
+        self._log = log_of(self)
+        real_time = RealTime(settings.real_time, self._log.warn)
         bus: Bus = open_bus(settings.can, (*codec.device_ids, *codec.bridge_ids))
         claim = _taken(bus, codec)
         self._parts = BridgeParts(settings, codec, limits, bus, claim, real_time)
-        self.get_logger().info(
+        self._log.info(
             f"{robot.name} on {bus.name}, {settings.clock}: {codec.layout.describe_load()}"
         )
         remarks = calibration_remarks(codec.mapping, calibration)
         for line in (*remarks, *not_quite_zero(codec)):
-            self.get_logger().warn(line)
+            self._log.warn(line)
         self._diagnostics = Diagnostics(self, f"{robot.name}@{bus.name}")
         self._topics: BridgePublishers | None = None
         self._summary = ("", "")
@@ -149,6 +151,7 @@ class CanBridge(LifecycleNode):
         """Valves to 0 V, threads ended, bus closed."""
         self._cleanup()
         self._parts.bus.close()
+        self._log.close()
 
     # -- ends
 
@@ -179,7 +182,7 @@ class CanBridge(LifecycleNode):
             response.success, response.message = False, str(error)
         else:
             response.success, response.message = self._loops.clear_trip()
-        self.get_logger().info(f"clear_trip: {response.message}")
+        self._log.info(f"clear_trip: {response.message}")
         self._on_change()
         return response
 
@@ -198,11 +201,9 @@ class CanBridge(LifecycleNode):
             # A failure is the last line of the command itself.
             if (level, text) != self._summary and not self.failure:
                 self._summary = (level, text)
-                # Two calls: rclpy binds one severity to each place that logs.
-                if level == bridge_report.ERROR:
-                    self.get_logger().error(text)
-                else:
-                    self.get_logger().info(text)
+                # Threads that must not wait come by here: that which ends the process among them.
+                say = self._log.error if level == bridge_report.ERROR else self._log.info
+                say(text)
             self._diagnostics.publish(LEVELS[level], text, values)
 
 

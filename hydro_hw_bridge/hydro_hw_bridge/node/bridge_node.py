@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from hydro_hw_bridge.errors import BridgeError
 from hydro_model.command_line.command import Parser, run_command
+from hydro_msgs_docs.aside import unread_streams
 from hydro_msgs_docs.endings import on_end, on_end_at_once
 from hydro_msgs_docs.middleware import start_ros
 
@@ -21,7 +22,8 @@ SPIN_S = 0.1
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return run_command(NAME, _main, arguments)
+    with unread_streams():
+        return run_command(NAME, _main, arguments)
 
 
 def _main(arguments: Sequence[str]) -> int:
@@ -55,7 +57,7 @@ def _run(ros_arguments: list[str]) -> int:
 
     stop = threading.Event()
     on_end(stop.set)
-    start_ros(NAME, ros_arguments, SignalHandlerOptions.NO)
+    start_ros(NAME, ros_arguments, SignalHandlerOptions.NO, rosout_alone=True)
     try:
         node = CanBridge(stop)
         executor = SingleThreadedExecutor()

@@ -141,12 +141,17 @@ class Processes:
         *parameters: str,
         asleep: bool = False,
         installed: bool = False,
+        log: int | None = None,
         **how: Any,
     ) -> None:
-        """A bridge alone on its bus, or the installed one, which listens for others first."""
+        """A bridge alone on its bus, or the installed one, which listens for others first.
+
+        Its log goes to the file, or to the descriptor `log`.
+        """
         code = _ASLEEP if asleep else None if installed else _ALONE
-        with self.log.open("a", encoding="utf-8") as log:
-            self.started.append(_start(can_name, *parameters, log=log, code=code, **how))
+        with self.log.open("a", encoding="utf-8") as file:
+            to = file if log is None else log
+            self.started.append(_start(can_name, *parameters, log=to, code=code, **how))
 
     def wait(self, index: int) -> int:
         """Until a bridge has ended; its exit code."""

@@ -32,6 +32,7 @@ from hydro_ident.errors import IdentError
 from hydro_model.command_line.command import Parser, run_command
 from hydro_model.command_line.output import STDOUT, add_json, write_json
 from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.aside import unread_streams
 from hydro_msgs_docs.endings import stop_on_signals
 from hydro_msgs_docs.middleware import start_ros
 from hydro_msgs_docs.node_arguments import own_arguments
@@ -59,8 +60,9 @@ class RecordError(IdentError):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The `recorder` executable."""
-    return run_command("recorder", _run, arguments)
+    """The `recorder` executable: it records on, whoever does not read what it says."""
+    with unread_streams():
+        return run_command("recorder", _run, arguments)
 
 
 def _parser() -> argparse.ArgumentParser:
