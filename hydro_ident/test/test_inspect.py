@@ -23,10 +23,10 @@ from hydro_ident.commands.inspect import main, text_of
 from hydro_ident.inspecting.complaints import Complaints
 from hydro_ident.inspecting.health import find_irregularities
 from hydro_ident.inspecting.inspection_reading import inspect_bag
-from hydro_ident.inspecting.named_robot import named_robot
+from hydro_ident.inspecting.named_robot import named_robot, robot_of_joints
 from hydro_model.command_line import terminal
 from hydro_model.robot_files import shipped_robots
-from hydro_msgs_docs.cdr import JOINT_STATE
+from hydro_msgs_docs.cdr import JOINT_STATE, POINT_STAMPED
 
 N = 1500
 
@@ -227,8 +227,57 @@ def test_a_bag_cut_off_is_said(write_bag, run_columns, capsys) -> None:
     assert "cut off" in out
 
 
+@pytest.mark.parametrize("others", [(), ("gripper", "wrist")])
+def test_a_bag_that_names_no_robot_is_read_by_its_joints(
+    write_bag, run_columns, capsys, tmp_path, others
+) -> None:
+    """As of `ros2 bag record`; with messages of others first, and with strokes for joints."""
+    columns = run_columns(N)
+    if others:
+        columns["/joint_states"] = (
+            ("lift", "tilt_cylinder"),
+            {"position": columns["/joint_states"][1]["position"] * [1.0, 0.0] + [0.0, 0.3]},
+        )
+        bag = tmp_path / "others"
+        with BagWriter(bag, {}) as writer:
+            for topic, (names, _) in columns.items():
+                writer.add_topic(topic, JOINT_STATE if names else POINT_STAMPED)
+            stamp = 10**18
+            writer.write_stamped("/joint_states", stamp, {"position": [0.0, 1.0]}, names=others)
+            for k in range(N):
+                for topic, (names, fields) in columns.items():
+                    values = {field: v[k] for field, v in fields.items()}
+                    writer.write_stamped(topic, stamp + 2_000_000 * k, values, names=names)
+    else:
+        bag = write_bag(columns)
+    assert main([str(bag), "--json", str(tmp_path / "i.json")]) == 0
+    out = capsys.readouterr().out
+    assert "robot by its joints, as the bag names none (--robot takes another)" in out
+    said = json.loads((tmp_path / "i.json").read_text())
+    assert (said["robot"], said["robot_by_joints"], said["cycles"]) == ("xs031", True, N)
+    assert "tilt/force" in said["channels"]
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (("tilt", "lift"), "xs031"),
+        (("tilt", "x", "lift_cylinder"), "xs031"),
+        (("lift",), "xs031"),
+        (("carriage",), "emps"),
+        (("lift", "boom"), None),
+        ((), None),
+    ],
+)
+def test_the_shipped_robot_whose_joints_they_are(names, expected) -> None:
+    found = robot_of_joints(names)
+    assert (found and found.name) == expected
+
+
 def test_without_a_robot_the_topics_are_still_told(write_bag, run_columns, capsys) -> None:
-    assert main([str(write_bag(run_columns(20)))]) == 0
+    columns = run_columns(20)
+    columns["/joint_states"] = (("boom", "arm"), columns["/joint_states"][1])
+    assert main([str(write_bag(columns))]) == 0
     out = capsys.readouterr().out
     assert "give --robot" in out
     assert "/chamber_pressures" in out

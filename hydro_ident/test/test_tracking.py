@@ -102,7 +102,7 @@ def bag(tmp_path):
     return _tip_bag(tmp_path, "bag")
 
 
-def _tip_bag(tmp_path, name: str, cycles: int = 1000):
+def _tip_bag(tmp_path, name: str, cycles: int = 1000, metadata=None):
     """Of a motion of 1000 cycles, the first ones; with the truth beside it."""
     robot = load_robot("xs031")
     s = np.linspace(0.0, 1.0, 1000)
@@ -110,7 +110,7 @@ def _tip_bag(tmp_path, name: str, cycles: int = 1000):
     q = np.column_stack([0.6 + 0.4 * ramp, -1.2 + 0.2 * ramp])
     tip = tip_position(robot, q)
     path = tmp_path / name
-    with BagWriter(path, {"robot": "xs031"}) as writer:
+    with BagWriter(path, {"robot": "xs031"} if metadata is None else metadata) as writer:
         writer.add_topic("/joint_states", JOINT_STATE)
         writer.add_topic("/tip_reference", POINT_STAMPED)
         writer.add_topic("/diagnostics", DIAGNOSTIC_ARRAY)
@@ -172,11 +172,22 @@ def test_no_tip_is_computed_by_links_that_nobody_named(tmp_path, capsys, named: 
     bag = tmp_path / "other"
     with BagWriter(bag, {"robot": named} if named else {}) as writer:
         writer.add_topic("/joint_states", JOINT_STATE)
-        writer.write_stamped(
-            "/joint_states", START_NS, {"position": np.zeros(2)}, names=("lift", "tilt")
-        )
+        names = ("lift", "tilt") if named else ("boom", "arm")
+        writer.write_stamped("/joint_states", START_NS, {"position": np.zeros(2)}, names=names)
     assert main([str(bag)]) == 2
     assert f"found '{named}': give the --robot that the tip is of" in capsys.readouterr().err
+
+
+def test_a_bag_that_names_no_robot_is_of_the_one_with_its_joints(tmp_path, bag, capsys) -> None:
+    """As of `ros2 bag record`."""
+    named, bare = tmp_path / "named.json", tmp_path / "bare.json"
+    assert main([str(bag), "--json", str(named)]) == 0
+    assert "names no robot" not in capsys.readouterr().err
+    unnamed = _tip_bag(tmp_path, "unnamed", metadata={})
+    assert main([str(unnamed), "--json", str(bare)]) == 0
+    assert "the bag names no robot: read as xs031, whose joints" in capsys.readouterr().err
+    figures = [json.loads(file.read_text())["encoders"] for file in (named, bare)]
+    assert figures[0] == figures[1]
 
 
 def test_links_of_another_robot_than_the_bags_are_said(tmp_path, bag, capsys) -> None:

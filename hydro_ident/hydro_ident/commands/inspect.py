@@ -36,7 +36,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--robot",
         help="robot file or shipped robot (default: the one that the bag names, if it is shipped"
-        " or in a *.hydraulics.yaml here or beside the bag)",
+        " or in a *.hydraulics.yaml here or beside the bag; of a bag that names none the shipped"
+        " one with its joints)",
     )
     add_json(parser)
     return parser
@@ -83,7 +84,8 @@ def _verdict(i: Inspection) -> list[str]:
         named = printable(i.metadata.get("robot", ""))
         # What is wrong with a file stands under health.
         which = "no file here can be used" if i.robot_troubles else "no one file is here"
-        what = f"the bag names '{named}', of which {which}" if named else "none is named"
+        none = "none is named, and none that is shipped has its joints"
+        what = f"the bag names '{named}', of which {which}" if named else none
         said = coloured("no robot", "yellow") + f": {what}; give --robot"
     elif not i.channels:
         said = coloured("nothing to identify", "red") + ": no channel is complete"
@@ -110,6 +112,8 @@ def _head(i: Inspection) -> list[str]:
     if i.robot_file is not None:
         file = printable(i.robot_file)
         lines.append(f"  robot by the name in the bag: {file} (--robot takes another)")
+    if i.robot_by_joints:
+        lines.append("  robot by its joints, as the bag names none (--robot takes another)")
     note = i.metadata.get("note", "")
     return lines + ([f"  note: {printable(note)}"] if note else [])
 

@@ -32,7 +32,11 @@ def _parser() -> argparse.ArgumentParser:
         " speed over the span in which the tip reference moves.",
     )
     parser.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 directory or .mcap file")
-    parser.add_argument("--robot", help="robot file or shipped robot (default: the bag's own)")
+    parser.add_argument(
+        "--robot",
+        help="robot file or shipped robot (default: the bag's own, or of a bag that"
+        " names none the shipped one with its joints)",
+    )
     parser.add_argument("--truth", type=Path, help="side file of the simulated rig (.npz)")
     add_json(parser)
     return parser
@@ -42,23 +46,37 @@ def _run(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(arguments)
     from hydro_ident.bag.reader import read_bag
     from hydro_ident.bag.recording import RECORDING_TOPICS
-    from hydro_ident.errors import BagError
-    from hydro_ident.inspecting.named_robot import named_robot
     from hydro_model.robot_files import load_robot
 
     with progress_bar():
         bag = read_bag(options.bag, RECORDING_TOPICS)
-        robot = named_robot(bag.metadata) if options.robot is None else load_robot(options.robot)
-        if robot is None:
-            raise BagError(
-                f"{bag.path}: expected the name of a shipped robot in the bag, found"
-                f" '{bag.metadata.get('robot', '')}': give the --robot that the tip is of"
-            )
+        robot = _robot_of(bag) if options.robot is None else load_robot(options.robot)
         advance("following the tip", 1, 1)
         rows = tracking_of(bag, robot, options.truth)
     report(options.json, _as_dict(bag, rows), _text(rows))
-    warn("tracking", (*bag.losses, *bag.unchecked, *other_machine(bag, robot)))
+    guessed = options.robot is None and not bag.metadata.get("robot")
+    by_joints = [f"the bag names no robot: read as {robot.name}, whose joints it has"] * guessed
+    warn("tracking", (*by_joints, *bag.losses, *bag.unchecked, *other_machine(bag, robot)))
     return 0
+
+
+def _robot_of(bag: Bag) -> Robot:
+    """The shipped robot that a bag names, or whose joints it has."""
+    from hydro_ident.errors import BagError
+    from hydro_ident.inspecting.named_robot import named_robot, robot_of_joints
+    from hydro_msgs_docs.topics import JOINT_STATES
+
+    named, joints = bag.metadata.get("robot", ""), bag.series.get(JOINT_STATES)
+    if named:
+        robot = named_robot(bag.metadata)
+    else:
+        robot = None if joints is None else robot_of_joints(joints.names)
+    if robot is None:
+        raise BagError(
+            f"{bag.path}: expected the name of a shipped robot in the bag, or its joints, found"
+            f" '{named}': give the --robot that the tip is of"
+        )
+    return robot
 
 
 def other_machine(bag: Bag, robot: Robot) -> list[str]:

@@ -68,7 +68,7 @@ class Inspection:
     ----------
     bag : str
     robot : str or None
-        The robot it was read for; None where the bag names none.
+        The robot it was read for; None where the bag names none and no shipped one fits.
     duration_s : float
     messages : int
     size_bytes : int
@@ -97,6 +97,8 @@ class Inspection:
         In which the robot was found that the bag names, where it is none that is shipped.
     robot_troubles : tuple of str
         Where none was found: what is wrong with files that have its name in it, or may have.
+    robot_by_joints : bool
+        The bag names no robot: it is the shipped one whose joints are in it.
     """
 
     bag: str
@@ -120,6 +122,7 @@ class Inspection:
     metadata: dict[str, str]
     robot_file: str | None = None
     robot_troubles: tuple[str, ...] = ()
+    robot_by_joints: bool = False
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""

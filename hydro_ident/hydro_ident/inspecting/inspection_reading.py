@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache
 from pathlib import Path
 
 from hydro_ident.bag.aligned import (
@@ -28,7 +28,7 @@ from hydro_ident.errors import BagError
 from hydro_ident.inspecting.health import Finding, irregularities
 from hydro_ident.inspecting.inspection import Inspection, TopicSummary, ranges_in
 from hydro_ident.inspecting.inspection_passes import FirstPass, SecondPass
-from hydro_ident.inspecting.named_robot import look_for, named_robot
+from hydro_ident.inspecting.named_robot import look_for, named_robot, robot_by_joints
 from hydro_ident.inspecting.signal_look import SignalLook
 from hydro_model.robot import Robot
 from hydro_model.robot_files import shipped_robots
@@ -52,7 +52,8 @@ def inspect_bag(
     path : str or Path
         rosbag2 directory or MCAP file.
     robot : Robot, optional
-        To read it for; by default the one that it names. Without one, only what needs no robot.
+        To read it for; by default the one that it names, or where it names none the shipped one
+        whose joints it holds. Without one, only what needs no robot.
     strict : bool
         A bag that is not this robot's is an error, not a line under `damage`.
     folders : sequence of Path
@@ -69,13 +70,21 @@ def inspect_bag(
     BagError
         As `read_bag`; where `strict`.
     """
-    robot_of: RobotOf = (lambda _: robot) if robot else partial(named_robot, folders=folders)
+    by_joints = cache(lambda: robot_by_joints(Path(path)))
+
+    def robot_of(metadata: Mapping[str, str]) -> Robot | None:
+        if robot is not None:
+            return robot
+        return named_robot(metadata, folders) if metadata.get("robot") else by_joints()
+
     reading = _Reading(Path(path), robot_of, strict, rows, late_s)
     try:
         found = reading.inspection(None)
     except UndecidedError:
         # Of the whole every interval is kept apart.
         found = reading.inspection(Known(whole=True))
+    if robot is None and not found.metadata.get("robot"):
+        return replace(found, robot_by_joints=found.robot is not None)
     if robot is not None or found.robot in shipped_robots():
         return found
     named = look_for(found.metadata, folders)

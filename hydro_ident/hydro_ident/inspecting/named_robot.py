@@ -1,18 +1,26 @@
-"""The robot that a bag names."""
+"""The robot that a bag names, or the shipped one whose joints it holds."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from hydro_ident.bag.reader import files_of
+from hydro_ident.bag.series import SeriesBuilder
 from hydro_model.errors import RobotError
 from hydro_model.robot import Robot
 from hydro_model.robot_files import is_file, load_robot, read_yaml, shipped_robots
+from hydro_msgs_docs.cdr import JOINT_STATE
+from hydro_msgs_docs.topics import JOINT_STATES
 
 _SUFFIX = ".hydraulics.yaml"
 #: Robot files of a folder that are looked into.
 _MOST_FILES = 50
+#: Of shipped robots with the same joints the one that is taken.
+_DEFAULT = "xs031"
+#: Messages of the joints that are looked at for their names: others may publish there, too.
+_MOST_MESSAGES = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +82,67 @@ def look_for(metadata: Mapping[str, str], folders: Sequence[Path] = ()) -> Named
         return Named(load_robot(source))
     except RobotError as error:
         return Named(None, (*troubles, str(error)))
+
+
+def robot_of_joints(names: Collection[str]) -> Robot | None:
+    """The shipped robot whose joints have these names, the default one first.
+
+    Parameters
+    ----------
+    names : collection of str
+        Of a topic of joint states: joints, or cylinders whose strokes stand for them.
+
+    Returns
+    -------
+    Robot or None
+        Where no robot is there whole, the one that has all the names there are.
+    """
+    robots = [load_robot(n) for n in sorted(shipped_robots(), key=lambda n: (n != _DEFAULT, n))]
+    whole, parts = list[Robot](), list[Robot]()
+    for robot in robots:
+        strokes = {c.joint for c in robot.cylinders if c.name in names}
+        known = {*robot.joint_names, *(c.name for c in robot.cylinders)}
+        whole += [robot] if strokes.union(names).issuperset(robot.joint_names) else []
+        parts += [robot] if names and known.issuperset(names) else []
+    return next(iter([*whole, *parts]), None)
+
+
+def robot_by_joints(path: Path) -> Robot | None:
+    """The shipped robot whose joints a bag holds, by the names at its beginning.
+
+    Parameters
+    ----------
+    path : Path
+        rosbag2 directory or MCAP file.
+
+    Returns
+    -------
+    Robot or None
+        As of `robot_of_joints`.
+
+    Raises
+    ------
+    BagError
+        As `read_bag`.
+    """
+    builder, seen, known = SeriesBuilder(JOINT_STATES, JOINT_STATE), 0, 0
+    for file in files_of(path)[0]:
+        for block in file.blocks():
+            channel = block.channel
+            if (channel.topic, channel.message_type) != (JOINT_STATES, JOINT_STATE):
+                continue
+            if channel.encoding == "cdr":
+                builder.add(block)
+                builder.take()
+            seen += len(block.offset)
+            if seen >= _MOST_MESSAGES:
+                return robot_of_joints(builder.names)
+            if len(builder.names) == known:
+                continue
+            known, robot = len(builder.names), robot_of_joints(builder.names)
+            if robot is not None and set(robot.joint_names).issubset(builder.names):
+                return robot
+    return robot_of_joints(builder.names)
 
 
 def _file_of(named: str, folders: Sequence[Path]) -> tuple[Path | None, tuple[str, ...]]:
