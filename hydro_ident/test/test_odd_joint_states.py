@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.commands.inspect import main
@@ -65,6 +66,33 @@ def test_a_joint_that_is_named_twice_is_not_taken_and_told(
     assert np.isnan(read.q[:, 0]).all()
     np.testing.assert_array_equal(read.q[:, 1], fields["position"][:, 1])
     assert {loss.channel for loss in read.losses} >= {"lift/force"}
+
+
+@pytest.mark.parametrize("twice", [False, True])
+def test_a_topic_of_any_number_of_layouts_is_read_whole(tmp_path: Path, twice: bool) -> None:
+    """A number in `frame_id`, names in any order: after 4096 of them messages were left out."""
+    rng, count = np.random.default_rng(5), 5000
+    values = rng.normal(size=(count, 3))
+    names = ("a", "b", "a" if twice else "c")
+    with BagWriter(tmp_path / "bag", metadata={}) as writer:
+        writer.add_topic(JOINTS, JOINT_STATE)
+        for k in range(count):
+            order = rng.permutation(3)
+            fields = {"position": values[k, order], "effort": -values[k, order]}
+            stamp, named = START_NS + k * PERIOD_NS, tuple(names[i] for i in order)
+            data = encode(JOINT_STATE, stamp, fields, names=named, frame_id=f"frame {k}")
+            writer.write(JOINTS, data, stamp)
+    bag = read_bag(tmp_path / "bag")
+    read = bag.series[JOINTS]
+    assert read.malformed == 0
+    np.testing.assert_array_equal(read.stamp_ns, START_NS + PERIOD_NS * np.arange(count))
+    for name, column in zip(names, values.T, strict=True):
+        if twice and name == "a":
+            assert read.column(name, "position") is None
+        else:
+            np.testing.assert_array_equal(read.column(name, "position"), column)
+            np.testing.assert_array_equal(read.column(name, "effort"), -column)
+    assert bool(bag.losses) is twice
 
 
 @pytest.mark.parametrize("count", [1, 50])

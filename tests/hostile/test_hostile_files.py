@@ -57,6 +57,12 @@ def _names(k: int) -> bytes:
     return _message(encode(JOINT_STATE, k, {"position": [0.0] * 10}, names=names))
 
 
+def _two_of_many(k: int) -> bytes:
+    names = (f"n{k % 991}", f"m{k % 31}")
+    data = encode(JOINT_STATE, k, {"position": [0.0, 0.0]}, names=names, frame_id=f"{k}")
+    return _message(data)
+
+
 def _endless_text() -> bytes:
     message = bytearray(encode(JOINT_STATE, 7, {"position": [1.0]}, names=("lift",)))
     message[12:16] = b"\xff\xff\xff\xff"  # length of frame_id
@@ -81,6 +87,10 @@ BAGS: dict[str, tuple[Callable[[], bytes], str]] = {
     "other names in every message": (
         lambda: SOUND + b"".join(_names(k) for k in range(3000)),
         "at most 1024 names",
+    ),
+    "another layout in every message": (
+        lambda: SOUND + b"".join(_two_of_many(k) for k in range(20_000)),
+        "expected messages of the same names",
     ),
     "endless record": (lambda: SOUND + struct.pack("<BQ", 5, 1 << 63), "cut off inside a record"),
     "endless text": (lambda: SOUND + _endless_text(), "could not be decoded"),

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from hydro_ident.bag.entries import Entries, EntryMaker, repeated
 from hydro_ident.bag.mcap_types import MessageBlock
 from hydro_ident.errors import BagError
 from hydro_model.arrays import BoolArray, ByteArray, FloatArray, IntArray
@@ -17,7 +17,7 @@ from hydro_msgs_docs.cdr import FIELDS, JOINT_STATE, CdrError, Layout, layout_of
 #: Layouts kept per topic; a topic with more is decoded all the same, only slower.
 _KEPT_LAYOUTS = 16
 #: Beyond these no machine's topic goes.
-_MOST_NAMES, _MOST_LAYOUTS = 1024, 4096
+_MOST_NAMES = 1024
 #: Every name has a column: so many numbers in all, and so many times those that are there.
 _FREE_CELLS, _MOST_EMPTY = 1 << 22, 16
 
@@ -73,10 +73,6 @@ class Series:
         return told
 
 
-def _repeated(names: Collection[str]) -> list[str]:
-    return [name for name, count in Counter(names).items() if count > 1]
-
-
 def too_empty(cells: int, filled: int) -> bool:
     """Whether a table of so many `cells` holds too few numbers (`filled`) to be made."""
     return cells > max(_FREE_CELLS, _MOST_EMPTY * filled)
@@ -104,12 +100,13 @@ class SeriesBuilder:
     message_type: str
     _layouts: list[Layout] = field(default_factory=list)
     _pieces: list[_Piece] = field(default_factory=list)
+    #: Messages of layouts beyond those that are kept.
+    _entries: list[Entries] = field(default_factory=list)
     _log_ns: list[IntArray] = field(default_factory=list)
     _count: int = 0
     _malformed: int = 0
     _why: str = ""
     _names: frozenset[str] = frozenset()
-    _kinds: int = 0
     #: Names that stand several times in one message.
     twice: tuple[str, ...] = ()
     #: What was taken already: messages, numbers in them, and in order every name and field.
@@ -131,21 +128,26 @@ class SeriesBuilder:
 
     @property
     def _cells_per_row(self) -> int:
-        names = len({name for piece in self._pieces for name in piece.names})
-        return sum(self._widths(names).values())
+        return sum(self._widths(len(self._names_here())).values())
+
+    def _names_here(self) -> tuple[str, ...]:
+        """Names in what was added, those of kept layouts first, in order of appearance."""
+        parts = (*self._pieces, *self._entries)
+        return tuple(dict.fromkeys(name for part in parts for name in part.names))
 
     def _widths(self, names: int) -> dict[str, int]:
         """Columns of each field that has some."""
         widths = {name: kind for name, kind in FIELDS[self.message_type] if kind != "names"}
         if self.message_type != JOINT_STATE:
             return {name: int(kind) for name, kind in widths.items()}
-        filled = {name for piece in self._pieces for name in piece.fields}
+        filled = {name for part in (*self._pieces, *self._entries) for name in part.fields}
         return {name: names for name in widths if name in filled}
 
     def add(self, block: MessageBlock) -> None:
         """Decode a block of messages."""
         buffer = np.frombuffer(block.data, dtype=np.uint8)
         left = np.arange(len(block.offset))
+        others = EntryMaker()
         for layout in self._layouts:
             left = self._take(layout, buffer, block, left)
         while len(left):
@@ -163,22 +165,21 @@ class SeriesBuilder:
                 self._layouts.append(layout)
                 left = self._take(layout, buffer, block, left)
             else:
-                self._take(layout, buffer, block, left[:1])
+                others.add(first + self._count, message, layout)
                 left = left[1:]
+        if len(others):
+            self._keep(others.entries())
         self._log_ns.append(block.log_ns)
         self.held_bytes += block.log_ns.nbytes
         self._count += len(block.offset)
 
     def _new_layout(self, message: bytes) -> Layout:
         layout = layout_of(message, self.message_type)
-        self._kinds += 1
         names = self._names.union(layout.names)
-        if len(names) > _MOST_NAMES or self._kinds > _MOST_LAYOUTS:
-            raise CdrError(
-                f"expected at most {_MOST_NAMES} names and {_MOST_LAYOUTS} layouts on a topic"
-            )
+        if len(names) > _MOST_NAMES:
+            raise CdrError(f"expected at most {_MOST_NAMES} names on a topic")
         self._names = names
-        self.twice = tuple(dict.fromkeys((*self.twice, *_repeated(layout.names))))
+        self.twice = tuple(dict.fromkeys((*self.twice, *repeated(layout.names))))
         return layout
 
     def _take(
@@ -198,19 +199,28 @@ class SeriesBuilder:
             fields = {
                 name: layout.field(rows, name) for name, at in layout.values.items() if at[1]
             }
-            if self.twice and (repeated := _repeated(layout.names)):
+            if self.twice and (doubled := repeated(layout.names)):
                 # Which of the values is meant nobody knows.
-                once = np.array([name not in repeated for name in layout.names])
+                once = np.array([name not in doubled for name in layout.names])
                 fields = {name: np.where(once, values, np.nan) for name, values in fields.items()}
             stamps = layout.stamp_ns(rows)
             piece = _Piece(taken + self._count, stamps, layout.names, fields)
             self._pieces.append(piece)
             self.held_bytes += sum(v.nbytes for v in (*fields.values(), stamps, piece.row))
-            first, last = self.stamp_span_ns
-            oldest, newest = int(stamps.min()), int(stamps.max())
-            first = oldest if first < 0 else min(first, oldest)
-            self.stamp_span_ns = (first, max(last, newest))
+            self._span(stamps)
         return left[:0] if len(taken) == len(left) else np.setdiff1d(left, taken)
+
+    def _keep(self, entries: Entries) -> None:
+        self._entries.append(entries)
+        self.held_bytes += entries.nbytes
+        self._span(entries.stamp_ns)
+
+    def _span(self, stamp_ns: IntArray) -> None:
+        """Widen the span of the stamps so far."""
+        first, last = self.stamp_span_ns
+        oldest, newest = int(stamp_ns.min()), int(stamp_ns.max())
+        first = oldest if first < 0 else min(first, oldest)
+        self.stamp_span_ns = (first, max(last, newest))
 
     def take(self) -> Series:
         """The columns of what was added since the last time, of the names that are in it.
@@ -227,7 +237,8 @@ class SeriesBuilder:
         self._filled += self._numbers
         self._met |= dict.fromkeys(series.names)
         self._fields |= dict.fromkeys(series.fields)
-        self._pieces, self._log_ns, self._count, self.held_bytes = [], [], 0, 0
+        self._pieces, self._entries, self._log_ns = [], [], []
+        self._count, self.held_bytes = 0, 0
         return replace(series, malformed=0, malformed_why="")
 
     def check(self) -> None:
@@ -258,7 +269,8 @@ class SeriesBuilder:
 
     @property
     def _numbers(self) -> int:
-        return sum(values.size for piece in self._pieces for values in piece.fields.values())
+        pieces = sum(v.size for piece in self._pieces for v in piece.fields.values())
+        return pieces + sum(entries.numbers for entries in self._entries)
 
     def _check_cells(self, cells: int, count: int, filled: int) -> None:
         if too_empty(cells, filled):
@@ -269,7 +281,8 @@ class SeriesBuilder:
 
     def finish(self) -> Series:
         """The columns of everything added."""
-        names = tuple(dict.fromkeys(n for piece in self._pieces for n in piece.names))
+        names = self._names_here()
+        at = {name: column for column, name in enumerate(names)}
         widths = self._widths(len(names))
         self._check_cells(self._count * sum(widths.values()), self._count, self._numbers)
         stamp_ns = np.zeros(self._count, dtype=np.int64)
@@ -278,10 +291,14 @@ class SeriesBuilder:
         for piece in self._pieces:
             stamp_ns[piece.row] = piece.stamp_ns
             read[piece.row] = True
-            named = np.array([names.index(n) for n in piece.names], dtype=np.int64)
+            named = np.array([at[n] for n in piece.names], dtype=np.int64)
             for name, values in piece.fields.items():
                 columns = named if len(names) else np.arange(values.shape[1])
                 fields[name][piece.row[:, None], columns] = values
+        for entries in self._entries:
+            stamp_ns[entries.row] = entries.stamp_ns
+            read[entries.row] = True
+            entries.put(fields, at)
         log_ns = np.concatenate(self._log_ns) if self._log_ns else np.zeros(0, dtype=np.int64)
         if not read.all():
             stamp_ns, log_ns = stamp_ns[read], log_ns[read]
