@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from hydro_hw_bridge.protocol.codec import Codec
+from hydro_ident.inspecting.named_robot import look_for
 from hydro_ident.study.fuzz.targets import NAME, shipped_mapping
 from hydro_model.errors import HydroError
 from hydro_model.robot_files import load_robot, shipped_robots
@@ -24,14 +25,14 @@ def _robot_text() -> str:
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("urdf: xs031.urdf", "urdf: ../../../etc/passwd", "'urdf' should be a file in or below"),
-        ("urdf: xs031.urdf", "urdf: /etc/passwd", "'urdf' should be a file in or below"),
-        ("urdf: xs031.urdf", f"urdf: {'x' * 300}", "'urdf' should be a file in or below"),
+        ("urdf: xs031.urdf", "urdf: /dev/zero", "no URDF at /dev/zero"),
+        ("urdf: xs031.urdf", f"urdf: {'x' * 300}", "'urdf' should be a file"),
+        ("urdf: xs031.urdf", 'urdf: "x\\0"', "'urdf' should be a file"),
         ("robot: xs031", "robot: ../../evil", "'robot' should be a name without '/'"),
         ("robot: xs031", "robot: .evil", "'robot' should be a name"),
     ],
 )
-def test_paths_that_lead_out_of_the_folder(
+def test_names_of_a_robot_file_that_are_none(
     read: Read, tmp_path: Path, old: str, new: str, expected: str
 ) -> None:
     text = _robot_text()
@@ -39,6 +40,25 @@ def test_paths_that_lead_out_of_the_folder(
     path = tmp_path / "robot.yaml"
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
     assert expected in read(path, "robot")
+
+
+@pytest.mark.parametrize("outside", ["../xs031.urdf", "WHOLE"])
+def test_paths_that_lead_out_of_the_folder(tmp_path: Path, outside: str) -> None:
+    """A file that its user names may name any URDF, one that a bag's name led to may not."""
+    shipped = shipped_robots()[NAME].with_name("xs031.urdf")
+    shutil.copy(shipped, tmp_path)
+    folder = tmp_path / "robots"
+    folder.mkdir()
+    text = _robot_text().replace("robot: xs031", "robot: mine")
+    path = folder / "mine.hydraulics.yaml"
+    named_urdf = outside.replace("WHOLE", str(shipped))
+    path.write_text(text.replace("urdf: xs031.urdf", f"urdf: {named_urdf}"))
+    assert load_robot(path).joint_names == load_robot(NAME).joint_names
+    with pytest.raises(HydroError, match="'urdf' should be a file in or below"):
+        load_robot(path, bounded=True)
+    named = look_for({"robot": "mine"}, [folder])
+    assert named.robot is None
+    assert "'urdf' should be a file in or below" in named.troubles[0]
 
 
 @pytest.mark.parametrize("new", ["dbc: ../xs031.dbc", "dbc: /dev/zero", "name: a/b\ndbc: x.dbc"])
@@ -93,7 +113,7 @@ def test_a_link_to_itself_is_no_file(linked: Path) -> None:
 
 
 def _loaded(path: Path, target: str) -> object:
-    robot = load_robot(path if target == "robot" else NAME)
+    robot = load_robot(path if target == "robot" else NAME, bounded=True)
     return robot if target == "robot" else Codec.load(None, path, robot)
 
 

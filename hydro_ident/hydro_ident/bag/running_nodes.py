@@ -131,7 +131,7 @@ def _mapping(values: Mapping[str, Any]) -> Path:
     """The file that a bridge of these parameters reads; shipped where it names none."""
     named = Path(str(values.get("mapping", "")))
     if not named.name:
-        return default_mapping(load_robot(str(values["robot"])).name)
+        return default_mapping(load_robot(str(values["robot"]), bounded=True).name)
     if not named.is_absolute():
         raise BagError(f"{named}: cannot be attached: the bridge's folder is not known")
     return named

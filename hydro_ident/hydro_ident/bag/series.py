@@ -130,17 +130,20 @@ class SeriesBuilder:
     def _cells_per_row(self) -> int:
         return sum(self._widths(len(self._names_here())).values())
 
+    @property
+    def _parts(self) -> list[_Piece | Entries]:
+        return [*self._pieces, *self._entries]
+
     def _names_here(self) -> tuple[str, ...]:
         """Names in what was added, those of kept layouts first, in order of appearance."""
-        parts = (*self._pieces, *self._entries)
-        return tuple(dict.fromkeys(name for part in parts for name in part.names))
+        return tuple(dict.fromkeys(name for part in self._parts for name in part.names))
 
     def _widths(self, names: int) -> dict[str, int]:
         """Columns of each field that has some."""
         widths = {name: kind for name, kind in FIELDS[self.message_type] if kind != "names"}
         if self.message_type != JOINT_STATE:
             return {name: int(kind) for name, kind in widths.items()}
-        filled = {name for part in (*self._pieces, *self._entries) for name in part.fields}
+        filled = {name for part in self._parts for name in part.fields}
         return {name: names for name in widths if name in filled}
 
     def add(self, block: MessageBlock) -> None:

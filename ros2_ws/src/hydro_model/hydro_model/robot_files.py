@@ -1,7 +1,7 @@
 """Robots from files: URDF plus `*.hydraulics.yaml`, or an identified `model.yaml`.
 
 Both YAML files have the same keys; `model.yaml` (schema `hydro_model/model/1`) adds what
-identification found. Either names its URDF relative to itself.
+identification found. Either names its URDF relative to itself, or by its whole path.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MODEL_SCHEMA = "hydro_model/model/1"
 MAX_FILE_BYTES = 4_000_000
 
 
-def load_robot(robot: str | Path, *, check_strokes: bool = True) -> Robot:
+def load_robot(robot: str | Path, *, check_strokes: bool = True, bounded: bool = False) -> Robot:
     """Read a robot by file or by the name of a shipped robot.
 
     Parameters
@@ -51,6 +51,9 @@ def load_robot(robot: str | Path, *, check_strokes: bool = True) -> Robot:
         Refuse joint limits that move a piston out of its cylinder, and narrow those that do so
         by a little (`robot_checks.within_strokes`). Off only for whoever looks for that very
         mistake.
+    bounded : bool
+        Its URDF lies in or below its folder, by name and where links lead: for a file that was
+        found by what a bag or a node says. One that its user names may name any.
 
     Returns
     -------
@@ -72,7 +75,7 @@ def load_robot(robot: str | Path, *, check_strokes: bool = True) -> Robot:
         )
     if path.suffix.lower() == ".urdf":
         raise RobotError(f"{path}: expected a *.hydraulics.yaml, found a URDF{_instead(path)}")
-    found = _robot_from(read_yaml(path), path)
+    found = _robot_from(read_yaml(path), path, bounded=bounded)
     return within_strokes(found, path) if check_strokes else found
 
 
@@ -117,12 +120,12 @@ def read_yaml(path: Path) -> Fields:
     return Fields(data, str(path))
 
 
-def _robot_from(top: Fields, path: Path) -> Robot:
+def _robot_from(top: Fields, path: Path, *, bounded: bool) -> Robot:
     schema = top.text("schema", MODEL_SCHEMA)
     if schema != MODEL_SCHEMA:
         raise RobotError(f"{path}: expected schema {MODEL_SCHEMA}, found '{schema}'")
     tip = top.text("tip_link")
-    urdf = top.file_below("urdf", path)
+    urdf = top.file_below("urdf", path) if bounded else top.file("urdf", path)
     chain = read_chain(urdf, tip)
     fluid, supply = top.fields("fluid", {}), top.fields("supply", {})
     bulk = fluid.positive("bulk_modulus_pa", 1.0e9)

@@ -23,6 +23,12 @@ _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxdict = 2, 3, 3
 
 
+def _no_path(text: str) -> bool:
+    """Whether no file can have this name."""
+    parts = PurePath(text).parts
+    return not text.isprintable() or any(len(part.encode()) > 255 for part in parts)
+
+
 class Fields:
     """Typed access to one mapping of a description file.
 
@@ -111,6 +117,14 @@ class Fields:
             raise self._wrong(key, "a name without '/', '\\' and a dot in front", value)
         return value
 
+    def file(self, key: str, source: Path) -> Path:
+        """A file of the user's choice, relative to the folder of `source`, the naming file."""
+        value = self.text(key)
+        wanted = f"a file, named relative to {source.parent} or by its whole path"
+        if _no_path(value):
+            raise self._wrong(key, wanted, value)
+        return source.parent / value
+
     def file_below(self, key: str, source: Path) -> Path:
         """A file in or below the folder of the file that names it: no name or link leads out.
 
@@ -120,10 +134,9 @@ class Fields:
         value = self.text(key)
         named = PurePath(value)
         folder = source.parent
-        too_long = any(len(part.encode()) > 255 for part in named.parts)
         leads_away = named.is_absolute() or ".." in named.parts
         wanted = f"a file in or below {folder}, named relative to it"
-        if leads_away or too_long or not value.isprintable():
+        if leads_away or _no_path(value):
             raise self._wrong(key, wanted, value)
         try:
             target = (folder / named).resolve()

@@ -34,9 +34,15 @@ def parse_urdf(path: Path) -> Any:
     RobotError
         The file is absent or no URDF, a name is given twice, or a number is not finite.
     """
-    if not path.is_file():
+    try:
+        found, size = path.is_file(), path.stat().st_size
+    except FileNotFoundError:
+        found, size = False, 0
+    except (OSError, ValueError) as error:  # links in a circle, a folder that is closed to us
+        raise RobotError(f"{path}: cannot be read: {error}") from error
+    if not found:
         raise RobotError(f"no URDF at {path}")
-    if path.stat().st_size > MAX_URDF_BYTES:
+    if size > MAX_URDF_BYTES:
         raise RobotError(f"{path}: larger than {MAX_URDF_BYTES} bytes, no URDF")
     _check_xml(path)
     # The parser prints what it does not know (materials, plugins) to stderr: not our user's news.
