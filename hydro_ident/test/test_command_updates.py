@@ -15,7 +15,7 @@ from hydro_ident.estimate.signals.traces import traces_of
 from hydro_ident.identify.command_updates import UpdatedBetween, update_notes, with_updates
 from hydro_ident.identify.identification import Identification, identify
 from hydro_ident.identify.job import Settings, prepared
-from hydro_ident.identify.survey import survey_source
+from hydro_ident.identify.survey import looked_at, survey_source
 from hydro_ident.recordings.sources import MemorySource
 from hydro_ident.recordings.workers import Here
 from hydro_model.robot import Robot
@@ -96,14 +96,16 @@ def test_commands_that_a_slow_controller_holds_are_taken_as_held(
 def test_blocks_that_are_held_out_do_not_tell(runs: dict[str, Recording], robot: Robot) -> None:
     """Scores are of these: voltages of chance there change nothing of what is found."""
     slow = _slow(runs["smooth"], 5)
-    split = prepared(robot, ((MemorySource(slow),), ()), Settings(), Here()).plan.split
+    split = prepared(
+        robot, looked_at(robot, [MemorySource(slow)], ()), Settings(), Here()
+    ).plan.split
     held = split.holds("smooth", (slow.stamp_ns - slow.stamp_ns[0]) * 1e-9)
     assert 0.05 < held.mean() < 0.4
     assert slow.valve_v is not None
     volts = slow.valve_v.copy()
     volts[held] = np.random.default_rng(3).uniform(-10.0, 10.0, (int(held.sum()), 2))
     source = MemorySource(replace(slow, valve_v=volts))
-    assert prepared(robot, ((source,), ()), Settings(), Here()).sources == (
+    assert prepared(robot, looked_at(robot, [source], ()), Settings(), Here()).sources == (
         UpdatedBetween(source),
     )
     # All blocks together would not have told.

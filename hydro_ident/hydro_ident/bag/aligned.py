@@ -21,7 +21,7 @@ from hydro_ident.bag.grid import Repeats, Topic, join
 from hydro_ident.bag.reader import TopicInfo
 from hydro_ident.bag.series import Series
 from hydro_ident.bag.valve_columns import valve_columns
-from hydro_ident.errors import BagError
+from hydro_ident.errors import BagError, NoCyclesError
 from hydro_model.arrays import FloatArray, IntArray
 from hydro_model.hydraulics.cylinder import joint_position
 from hydro_model.robot import Robot
@@ -90,8 +90,10 @@ def check_topics(
     Raises
     ------
     BagError
-        A topic of another type; no `/joint_states`, or none of its messages can be read; none of
-        the robot's joints in it.
+        A topic of another type; none of the messages of `/joint_states` can be read; none of the
+        robot's joints in it.
+    NoCyclesError
+        No `/joint_states`.
     """
     for name, wanted in TYPES.items():
         found = decoded[name].message_type if name in decoded else wanted
@@ -108,7 +110,10 @@ def check_topics(
             f" first: {joints.wrong}"
         )
     if joints is None or not joints.count:
-        raise BagError(f"{path}: expected a topic {JOINT_STATES}, found {', '.join(there)}")
+        found = ", ".join(name for name in there if name != JOINT_STATES) or "no message of it"
+        raise NoCyclesError(
+            f"{path}: expected a topic {JOINT_STATES}, found {found}", f"no {JOINT_STATES}"
+        )
     if not own_names(robot).intersection(joints.names):
         raise BagError(
             f"{path}: expected joints of robot {robot.name}"
@@ -117,11 +122,12 @@ def check_topics(
         )
 
 
-def nothing_in_common(path: Path) -> BagError:
+def nothing_in_common(path: Path) -> NoCyclesError:
     """The error of a bag that `grid_of` finds no cycle in."""
-    return BagError(
+    return NoCyclesError(
         f"{path}: expected {CHAMBER_PRESSURES} with the stamps of {JOINT_STATES},"
-        " found none in common"
+        " found none in common",
+        f"no stamp of {CHAMBER_PRESSURES} is one of {JOINT_STATES}",
     )
 
 

@@ -113,14 +113,14 @@ def tracking_of(bag: Bag, robot: Robot, truth: Path | None = None) -> dict[str, 
     Raises
     ------
     BagError
-        No tip reference, or a joint without a position.
+        As `recording_of`.
     NotEnoughDataError
-        The reference or the tip never moves.
+        No tip reference, or a joint without a position; the reference or the tip never moves.
     """
     import numpy as np
 
     from hydro_ident.bag.recording import recording_of
-    from hydro_ident.errors import BagError
+    from hydro_ident.errors import NotEnoughDataError
     from hydro_ident.recordings.metrics import ENCODER_HALF_WIDTH, TRUTH_HALF_WIDTH, tracking
     from hydro_ident.recordings.truth_file import true_tip_m
     from hydro_model.multibody.kinematics import tip_position
@@ -129,7 +129,8 @@ def tracking_of(bag: Bag, robot: Robot, truth: Path | None = None) -> dict[str, 
     reference = _reference(recording)
     absent = [j for i, j in enumerate(robot.joint_names) if np.isnan(recording.q[:, i]).all()]
     if absent:
-        raise BagError(f"{bag.path}: expected positions of {', '.join(absent)}, found none")
+        told = ", ".join(absent)
+        raise NotEnoughDataError(f"{bag.path}: expected positions of {told}, found none")
     stamps = recording.stamp_ns
     tip_m = np.asarray(tip_position(robot, recording.q))
     rows = {"encoders": tracking(stamps, tip_m, reference, half_width=ENCODER_HALF_WIDTH)}
@@ -140,11 +141,11 @@ def tracking_of(bag: Bag, robot: Robot, truth: Path | None = None) -> dict[str, 
 
 
 def _reference(recording: Recording) -> FloatArray:
-    from hydro_ident.errors import BagError
+    from hydro_ident.errors import NotEnoughDataError
     from hydro_msgs_docs.topics import TIP_REFERENCE
 
     if recording.tip_ref is None:
-        raise BagError(
+        raise NotEnoughDataError(
             f"{recording.path}: expected {TIP_REFERENCE} on the cycles' stamps, found none: record"
             " a run in which the controller moves the tip, with all its topics"
         )

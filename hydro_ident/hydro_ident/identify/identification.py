@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 from hydro_ident.bag.recording import Recording
 from hydro_ident.errors import IdentError
+from hydro_ident.estimate.effects.listed_effects import ListedEffects
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit
 from hydro_ident.estimate.flows.summed_flow import SummedComparison
 from hydro_ident.estimate.flows.unread_rails import UNFITTING, file_constant
@@ -46,11 +47,11 @@ from hydro_ident.identify.recording_summary import RecordingSummary, recording_s
 from hydro_ident.identify.rejection import tested, within_bounds
 from hydro_ident.identify.spool_openings import with_command_delay
 from hydro_ident.identify.swapped_signals import swapped_signals
+from hydro_ident.identify.survey import Looked, looked_at, recorded_notes
 from hydro_ident.identify.verdict import (
     NOT_ENOUGH,
     BagLoss,
     judge,
-    losses_of,
 )
 from hydro_ident.parameters.parameters import COMMAND_DELAY, Parameter, parameter_list
 from hydro_ident.recordings.sources import Source, check_names, short_kept, sources_of
@@ -165,8 +166,13 @@ def identify(
         # Elsewhere, what a worker keeps is gone with its task.
         kept = short_kept((*sources, *others))
         sources, others = kept[: len(sources)], kept[len(sources) :]
+    # A list of effects that cannot be is told before bags are read, which may take long.
+    ListedEffects.of(robot)
     advance("first look at the bags", 0, _STAGES)
-    job = prepared(robot, (sources, others), settings, workers)
+    looked = looked_at(robot, sources, others, workers.map)
+    if not looked.sources:
+        return _nothing(robot, looked, settings)
+    job = prepared(robot, looked, settings, workers)
     advance("fitting", 1, _STAGES)
     estimates = Estimation(job.sources, job.plan, job.still, workers).run(
         settings.estimator, job.surveys, job.signals
@@ -183,6 +189,24 @@ def identify(
     swapped = swapped_signals(job, estimates, last.held_out or last.fitted)
     estimates = tested(robot, estimates, last.held_out, swapped)
     return _concluded(job, estimates, last, settings)
+
+
+def _nothing(robot: Robot, looked: Looked, settings: Settings) -> Identification:
+    """What is said where no recording to identify from has a cycle."""
+    return Identification(
+        verdict=NOT_ENOUGH,
+        given=robot,
+        robot=None,
+        parameters=(),
+        channels=(),
+        problems=tuple(one.text for one in looked.without),
+        notes=recorded_notes(looked.surveys),
+        inertial=None,
+        hydraulic=None,
+        settings=settings,
+        losses=looked.losses,
+        recordings=recording_summaries(looked.surveys, 0),
+    )
 
 
 def _concluded(job: Job, estimates: Estimates, last: Scores, settings: Settings) -> Identification:
@@ -227,7 +251,7 @@ def _concluded(job: Job, estimates: Estimates, last: Scores, settings: Settings)
         hydraulic=hydraulic,
         settings=replace(settings, filters=job.plan.filters),
         physical=physical,
-        losses=losses_of([survey.recording for survey in job.seen]),
+        losses=job.looked.losses,
         free_run=run,
         summed=last.summed,
         fitted=last.fitted,

@@ -39,13 +39,13 @@ from hydro_ident.identify.spool_openings import (
     told_by_spools,
 )
 from hydro_ident.identify.survey import (
+    Looked,
     Survey,
     apart_notes,
     by_torques,
     merged_signals,
     still_positions,
     stuck_notes,
-    survey_source,
 )
 from hydro_ident.parameters.parameters import student_95
 from hydro_ident.recordings.cleaning import Cleaner
@@ -109,6 +109,8 @@ class Job:
     commanded : pair of tuple of Source
         `sources` and `others` with their voltages, where the openings are measured spools.
     spools : SpoolChoice
+    looked : Looked
+        What a first look found, with the recordings that are left out.
     """
 
     robot: Robot
@@ -123,6 +125,7 @@ class Job:
     bias: PositionBias
     commanded: tuple[tuple[Source, ...], tuple[Source, ...]]
     spools: SpoolChoice
+    looked: Looked
 
     @property
     def surveys(self) -> tuple[Survey, ...]:
@@ -152,7 +155,8 @@ class Job:
     @property
     def notes(self) -> tuple[str, ...]:
         """What is to be said of the recordings."""
-        notes = apart_notes(self.seen) + update_notes((*self.commanded[0], *self.commanded[1]))
+        notes = [*self.looked.left_out, *apart_notes(self.seen)]
+        notes += update_notes((*self.commanded[0], *self.commanded[1]))
         notes += [*stuck_notes(self.seen), *self.bias.notes, *self.spools.notes]
         for recording in (survey.recording for survey in self.seen):
             notes += [f"{recording.path.name}: {note}" for note in recording.notes]
@@ -187,19 +191,14 @@ def _steps_s(seen: Iterable[Survey]) -> list[float]:
     return [max(s.recording.period_s, s.recording.read_s) for s in seen]
 
 
-def prepared(
-    robot: Robot,
-    recordings: tuple[tuple[Source, ...], tuple[Source, ...]],
-    settings: Settings,
-    workers: Workers,
-) -> Job:
-    """Survey the recordings and plan what is gathered of them.
+def prepared(robot: Robot, looked: Looked, settings: Settings, workers: Workers) -> Job:
+    """Plan what is gathered of recordings.
 
     Parameters
     ----------
     robot : Robot
-    recordings : pair of tuple of Source
-        To identify from, and to validate on.
+    looked : Looked
+        With at least one recording to identify from.
     settings : Settings
     workers : Workers
 
@@ -212,8 +211,7 @@ def prepared(
     RobotError
         The robot lists an effect that is not in the catalogue.
     """
-    sources, others = recordings
-    seen = tuple(workers.map(partial(survey_source, robot=robot), (*sources, *others)))
+    sources, others, seen = looked.sources, looked.others, looked.surveys
     effects = ListedEffects.of(robot)
     surveys = seen[: len(sources)]
     signals = merged_signals(robot, surveys)
@@ -248,10 +246,10 @@ def prepared(
     sources, others = volts
     if spools.taken:
         plan = replace(plan, effects=behind_spools(plan.effects))
-        sources, others = (spools_of(given) for given in recordings)
+        sources, others = (spools_of(given) for given in (looked.sources, looked.others))
         seen = told_by_spools(robot, (*sources, *others), seen)
     own = sources, others, seen, signals, plan
-    return Job(robot, *own, still, every, workers, bias, volts, spools)
+    return Job(robot, *own, still, every, workers, bias, volts, spools, looked)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 import numpy as np
 
+from hydro_ident.bag.channels import channels_of
 from hydro_ident.bag.digest import Digest
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.recorded_with import recorded_apart
 from hydro_ident.bag.streaming import cut_recording
+from hydro_ident.errors import NoCyclesError
 from hydro_ident.estimate.forces.standstill import Rest, least_travel, rests_of, still_joints
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.estimate.signals.traces import traces_of_piece
 from hydro_ident.identify.continuity import Continuity, bridged_notes, partial_notes
 from hydro_ident.identify.spool_look import SpoolLook
-from hydro_ident.identify.verdict import recorded_as_others
+from hydro_ident.identify.verdict import BagLoss, losses_of, recorded_as_others
 from hydro_ident.inspecting.mistaken_pressures import mistaken_notes
 from hydro_ident.recordings.sources import Source
 from hydro_model.robot import Robot
@@ -51,6 +55,105 @@ class Survey:
     usable_s: float = 0.0
     continuity: Continuity = field(default_factory=Continuity)
     spools: SpoolLook = field(default_factory=SpoolLook)
+
+
+@dataclass(frozen=True, slots=True)
+class NoCycles:
+    """A recording that has no cycle of the robot.
+
+    Attributes
+    ----------
+    name : str
+    text : str
+        What was expected and found.
+    losses : tuple of BagLoss
+        Every channel of the robot.
+    """
+
+    name: str
+    text: str
+    losses: tuple[BagLoss, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Looked:
+    """Recordings after a first look.
+
+    Attributes
+    ----------
+    sources, others : tuple of Source
+        To learn from and to verify on, as far as they have cycles.
+    surveys : tuple of Survey
+        Of these, in that order.
+    without : tuple of NoCycles
+        What is left out of both.
+    """
+
+    sources: tuple[Source, ...]
+    others: tuple[Source, ...]
+    surveys: tuple[Survey, ...]
+    without: tuple[NoCycles, ...]
+
+    @property
+    def losses(self) -> tuple[BagLoss, ...]:
+        """Channels that recordings do not give."""
+        none = (loss for one in self.without for loss in one.losses)
+        return (*losses_of([s.recording for s in self.surveys]), *none)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What is left out of both, and why, in words; none where nothing is left."""
+        if not self.sources:
+            return ()
+        return tuple(f"{one.name}: left out: {one.text}" for one in self.without)
+
+
+def looked_at(
+    robot: Robot,
+    sources: Sequence[Source],
+    others: Sequence[Source],
+    run: Callable[[Callable[[Source], Any], Sequence[Source]], Iterable[Any]] = map,
+) -> Looked:
+    """Look at recordings from start to end.
+
+    Parameters
+    ----------
+    robot : Robot
+    sources, others : sequence of Source
+        To learn from and to verify on.
+    run : callable
+        As `map`: where the recordings are read.
+
+    Returns
+    -------
+    Looked
+
+    Raises
+    ------
+    BagError
+        As `read_recording`, but for recordings without a cycle.
+    """
+    every = (*sources, *others)
+    found = list(run(partial(_survey_or_none, robot=robot), every))
+    kept = [isinstance(one, Survey) for one in found]
+
+    def with_cycles(first: int, given: Sequence[Source]) -> tuple[Source, ...]:
+        return tuple(source for k, source in enumerate(given, first) if kept[k])
+
+    return Looked(
+        with_cycles(0, sources),
+        with_cycles(len(sources), others),
+        tuple(one for one in found if isinstance(one, Survey)),
+        tuple(one for one in found if isinstance(one, NoCycles)),
+    )
+
+
+def _survey_or_none(source: Source, robot: Robot) -> Survey | NoCycles:
+    try:
+        return survey_source(source, robot)
+    except NoCyclesError as error:
+        losses = (BagLoss(source.name, name, error.reason) for name in channels_of(robot))
+        return NoCycles(source.name, str(error), tuple(losses))
 
 
 def survey_source(source: Source, robot: Robot) -> Survey:

@@ -25,7 +25,7 @@ from hydro_ident.report.page import (
 from hydro_ident.report.palette import joint_colour
 from hydro_ident.report.verdict_words import plain
 
-_NONE = "No recording could be read."
+_NONE = "No recording has a cycle of the robot."
 
 
 def health_section(
@@ -35,7 +35,7 @@ def health_section(
     title = "Data health"
     lead = "Whether the recordings can be trusted: nothing of what is listed here was repaired."
     if not recordings:
-        return Section("health", title, lead, paragraph(_NONE))
+        return Section("health", title, lead, paragraph(_NONE) + _lost(losses))
     rows: list[tuple[str, ...]] = [
         (r.name, _role(r), f"{r.duration_s:.1f}", f"{r.rate_hz:.4g}", str(r.gaps), str(r.missing),
          "–" if r.longest_gap is None else r.longest_gap.text)

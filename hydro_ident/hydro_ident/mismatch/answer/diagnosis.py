@@ -10,8 +10,8 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.errors import IdentError, NotEnoughDataError
 from hydro_ident.identify.continuity import broken_up
 from hydro_ident.identify.recording_summary import recording_summaries
-from hydro_ident.identify.survey import Survey, by_torques, recorded_notes, survey_source
-from hydro_ident.identify.verdict import BagLoss, losses_of, wrong_robot
+from hydro_ident.identify.survey import Survey, by_torques, looked_at, recorded_notes
+from hydro_ident.identify.verdict import BagLoss, wrong_robot
 from hydro_ident.mismatch.answer.answering import STAGES, Answer, answered, base_to_search
 from hydro_ident.mismatch.answer.channel_results import channels_of, rows_of_training
 from hydro_ident.mismatch.answer.doubts import doubts
@@ -98,12 +98,14 @@ def diagnose(
     )
     check_names((*sources, *others))
     advance("first look at the bags", 0, STAGES)
-    surveys = [survey_source(source, robot) for source in (*sources, *others)]
-    losses = losses_of([s.recording for s in surveys])
-    recordings = recording_summaries(surveys, len(sources))
+    looked = looked_at(robot, sources, others)
+    surveys = looked.surveys
+    recordings = recording_summaries(surveys, len(looked.sources))
     wrong = wrong_robot(robot, [s.recording for s in surveys])
+    if not looked.sources:
+        wrong = [one.text for one in looked.without]
     advance("fitting the structure", 1, STAGES)
-    lay = partial(residuals, robot, sources, others, surveys, settings)
+    lay = partial(residuals, robot, looked.sources, looked.others, surveys, settings)
     held = list[Residuals]()
     try:
         if not wrong and (first := lay()) is not None:
@@ -112,17 +114,18 @@ def diagnose(
     except NotEnoughDataError as error:
         wrong = [str(error)]
     if not held:
-        problems = tuple(wrong) or (_too_little(robot, surveys[: len(sources)]),)
+        problems = tuple(wrong) or (_too_little(robot, surveys[: len(looked.sources)]),)
         return Diagnosis(
             NOT_ENOUGH,
             robot,
             None,
             problems=problems,
-            losses=losses,
+            losses=looked.losses,
             recordings=recordings,
-            notes=recorded_notes(surveys),
+            notes=(*looked.left_out, *recorded_notes(surveys)),
         )
-    return replace(_diagnosed(held, lay, settings, losses), recordings=recordings)
+    found = _diagnosed(held, lay, settings, looked.losses)
+    return replace(found, recordings=recordings, notes=(*looked.left_out, *found.notes))
 
 
 def _too_little(robot: Robot, surveys: Sequence[Survey]) -> str:
