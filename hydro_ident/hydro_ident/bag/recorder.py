@@ -103,7 +103,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(own_arguments(arguments))
-    robot = load_robot(options.robot)
+    robot = load_robot(options.robot, narrow=True)
     topics = wanted_topics(options.topics, robot)
     metadata = project_metadata(robot, options.note, options.attach)
     for topic, message_type in topics.items():

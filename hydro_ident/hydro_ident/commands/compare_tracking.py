@@ -50,7 +50,7 @@ def run(arguments: Sequence[str]) -> int:
     from hydro_ident.errors import IdentError
     from hydro_model.robot_files import load_robot
 
-    robot = load_robot(options.robot)
+    robot = load_robot(options.robot, narrow=True)
     rows, warnings = {}, []
     with progress_bar():
         for number, text in enumerate(options.runs):

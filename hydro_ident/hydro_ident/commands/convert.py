@@ -97,7 +97,7 @@ def _suggest(options: argparse.Namespace) -> int:
 
     if options.suggest.exists():
         raise BagError(f"{options.suggest}: exists already, nothing overwritten")
-    robot = load_robot(options.robot) if options.robot is not None else None
+    robot = load_robot(options.robot, narrow=True) if options.robot is not None else None
     suggestion = suggest(read_log(options.log), robot, options.robot or "")
     write_text(options.suggest, mapping_text(suggestion))
     lines = [

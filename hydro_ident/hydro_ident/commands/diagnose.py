@@ -123,7 +123,7 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
     from hydro_model.robot_files import load_robot
 
     say_if_no_report("diagnose", REPORT_FILE, "all other files are")
-    robot = load_robot(options.robot)
+    robot = load_robot(options.robot, narrow=True)
     training, validation = bag_sources(options.bags, options.validate, robot)
     sources = training, validation
     origin = origin_of(options, parser(), _RESULT_OPTIONS, sources, (robot, None))

@@ -134,9 +134,9 @@ def run(arguments: Sequence[str]) -> int:
 
     require("clarabel", "bodies that can exist")
     say_if_no_report("identify", REPORT_FILE, "all other files are")
-    robot = load_robot(options.robot)
+    robot = load_robot(options.robot, narrow=True)
     settings = settings_of(options)
-    old = load_robot(options.compare) if options.compare else None
+    old = load_robot(options.compare, narrow=True) if options.compare else None
     if old is not None:
         check_same_machine(old, robot, options.compare)
     training, validation = bag_sources(options.bags, options.validate, robot)

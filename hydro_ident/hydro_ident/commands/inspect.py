@@ -49,7 +49,7 @@ def _run(arguments: Sequence[str]) -> int:
     from hydro_model.robot_files import load_robot
 
     # Before the bag, which may take long.
-    robot = None if options.robot is None else load_robot(options.robot)
+    robot = None if options.robot is None else load_robot(options.robot, narrow=True)
     with progress_bar():
         # Where who gives no file may have one.
         folders = list(dict.fromkeys(p.resolve() for p in (Path(), options.bag.absolute().parent)))

@@ -50,7 +50,7 @@ def _run(arguments: Sequence[str]) -> int:
 
     with progress_bar():
         bag = read_bag(options.bag, RECORDING_TOPICS)
-        robot = _robot_of(bag) if options.robot is None else load_robot(options.robot)
+        robot = _robot_of(bag) if options.robot is None else load_robot(options.robot, narrow=True)
         advance("following the tip", 1, 1)
         rows = tracking_of(bag, robot, options.truth)
     report(options.json, _as_dict(bag, rows), _text(rows))

@@ -84,7 +84,7 @@ def _identified_message(node: Any) -> Any:
 
     bags, name = _parameters(node)
     require("clarabel", "bodies that can exist")
-    robot = load_robot(name)
+    robot = load_robot(name, narrow=True)
     found = identify(robot, bag_sources(bags, (), robot)[0])
     if found.verdict == NOT_ENOUGH:
         raise NotEnoughDataError("; ".join(found.problems))

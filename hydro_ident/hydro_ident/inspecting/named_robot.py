@@ -79,7 +79,7 @@ def look_for(metadata: Mapping[str, str], folders: Sequence[Path] = ()) -> Named
     if source is None:
         return Named(None, troubles)
     try:
-        return Named(load_robot(source, bounded=True))
+        return Named(load_robot(source, narrow=True, bounded=True))
     except RobotError as error:
         return Named(None, (*troubles, str(error)))
 

@@ -126,7 +126,9 @@ def _map_from(top: Fields, path: Path) -> LogMap:
     if schema != SCHEMA:
         raise BagError(f"{path}: expected schema {SCHEMA}, found '{schema}'")
     no_other_keys(top, _KEYS | set(SECTIONS))
-    robot = load_robot(_robot_path(top.text("robot"), path)) if "robot" in top else None
+    robot = (
+        load_robot(_robot_path(top.text("robot"), path), narrow=True) if "robot" in top else None
+    )
     given = ATMOSPHERE_PA if robot is None else robot.atmospheric_pressure_pa
     atmosphere = top.positive("atmospheric_pressure_pa", given)
     clock = top.fields("time")

@@ -40,7 +40,13 @@ MODEL_SCHEMA = "hydro_model/model/1"
 MAX_FILE_BYTES = 4_000_000
 
 
-def load_robot(robot: str | Path, *, check_strokes: bool = True, bounded: bool = False) -> Robot:
+def load_robot(
+    robot: str | Path,
+    *,
+    check_strokes: bool = True,
+    narrow: bool = False,
+    bounded: bool = False,
+) -> Robot:
     """Read a robot by file or by the name of a shipped robot.
 
     Parameters
@@ -51,6 +57,9 @@ def load_robot(robot: str | Path, *, check_strokes: bool = True, bounded: bool =
         Refuse joint limits that move a piston out of its cylinder, and narrow those that do so
         by a little (`robot_checks.within_strokes`). Off only for whoever looks for that very
         mistake.
+    narrow : bool
+        Take joint limits that are wider than a cylinder's stroke, or not there, as ending where
+        the piston does, with a warning: for recordings, in which limits bind nobody.
     bounded : bool
         Its URDF lies in or below its folder, by name and where links lead: for a file that was
         found by what a bag or a node says. One that its user names may name any.
@@ -75,8 +84,8 @@ def load_robot(robot: str | Path, *, check_strokes: bool = True, bounded: bool =
         )
     if path.suffix.lower() == ".urdf":
         raise RobotError(f"{path}: expected a *.hydraulics.yaml, found a URDF{_instead(path)}")
-    found = _robot_from(read_yaml(path), path, bounded=bounded)
-    return within_strokes(found, path) if check_strokes else found
+    found = _robot_from(read_yaml(path), path, bounded=bounded, narrow=narrow)
+    return within_strokes(found, path, narrow=narrow) if check_strokes else found
 
 
 def _instead(path: Path) -> str:
@@ -120,7 +129,7 @@ def read_yaml(path: Path) -> Fields:
     return Fields(data, str(path))
 
 
-def _robot_from(top: Fields, path: Path, *, bounded: bool) -> Robot:
+def _robot_from(top: Fields, path: Path, *, bounded: bool, narrow: bool) -> Robot:
     schema = top.text("schema", MODEL_SCHEMA)
     if schema != MODEL_SCHEMA:
         raise RobotError(f"{path}: expected schema {MODEL_SCHEMA}, found '{schema}'")
@@ -155,7 +164,7 @@ def _robot_from(top: Fields, path: Path, *, bounded: bool) -> Robot:
     )
     for fields in (top, fluid, supply):
         fields.check_spelling()
-    check_robot(robot, path)
+    check_robot(robot, path, narrow=narrow)
     return _with_base(robot, path) if base else robot
 
 

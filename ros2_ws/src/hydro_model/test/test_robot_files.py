@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -14,7 +15,7 @@ import pytest
 import yaml
 
 from hydro_model.errors import RobotError
-from hydro_model.hydraulics.cylinder import joint_position, stroke
+from hydro_model.hydraulics.cylinder import joint_position, lever, stroke
 from hydro_model.robot_files import MAX_FILE_BYTES, load_robot, shipped_robots
 
 Change = Callable[[dict[str, Any]], None]
@@ -176,6 +177,52 @@ def test_slightly_wide_limits_end_where_the_piston_does(
     [record] = caplog.records
     assert "outside its stroke" in record.message
     assert f"taken as {joint.lower:.4f} to {joint.upper:.4f}" in record.message
+
+
+@pytest.mark.parametrize(
+    ("limits", "ends"),
+    [
+        ('type="revolute" lower="-1.57" upper="1.90"', (-0.0983, 1.90)),
+        # Beyond a dead centre at 2.136, and beyond the other one, where the arm points back.
+        ('type="revolute" lower="-1.57" upper="2.50"', (-0.0983, 2.1)),
+        ('type="revolute" lower="2.20" upper="4.60"', (2.20, 4.370)),
+        ('type="continuous"', (-0.0983, 2.1)),
+    ],
+)
+def test_limits_beyond_the_stroke_are_narrowed_for_who_reads_recordings_alone(
+    crane: Path, caplog: pytest.LogCaptureFixture, limits: str, ends: tuple[float, float]
+) -> None:
+    urdf = crane.with_name("xs031.urdf")
+    text = urdf.read_text(encoding="utf-8")
+    kind, *rest = limits.split(" ", 1)
+    text = text.replace('name="lift" type="revolute"', f'name="lift" {kind}')
+    if rest:
+        text = text.replace('lower="-0.05" upper="1.70"', rest[0])
+    else:
+        text = re.sub('<limit lower="-0.05"[^>]*>', "", text)
+    urdf.write_text(text, encoding="utf-8")
+    said = refused(crane)
+    assert "outside its stroke" in said or "to have finite limits" in said
+    caplog.clear()
+    robot = load_robot(crane, narrow=True)
+    joint, cylinder = robot.joints[0], robot.cylinder("lift_cylinder")
+    assert [joint.lower, joint.upper] == pytest.approx(ends, abs=0.06)
+    q = np.linspace(joint.lower, joint.upper, 500)
+    x, arm = stroke(cylinder, q), lever(cylinder, q)
+    assert x.min() >= 0.0
+    assert x.max() <= cylinder.stroke_m
+    assert len(set(np.sign(arm))) == 1
+    assert np.abs(arm).min() > 0.01 * cylinder.l2_m
+    [record] = caplog.records
+    assert record.message == f"{said}: taken as {joint.lower:.4f} to {joint.upper:.4f}"
+
+
+def test_limits_where_no_cylinder_has_its_stroke_are_refused_by_everybody(crane: Path) -> None:
+    urdf = crane.with_name("xs031.urdf")
+    text = urdf.read_text(encoding="utf-8")
+    urdf.write_text(text.replace('lower="-0.05" upper="1.70"', 'lower="-1.2" upper="-0.9"'))
+    with pytest.raises(RobotError, match="outside its stroke"):
+        load_robot(crane, narrow=True)
 
 
 def test_a_command_says_that_limits_were_narrowed(crane: Path) -> None:

@@ -10,17 +10,19 @@ from pathlib import Path
 import numpy as np
 
 from hydro_model.errors import RobotError
-from hydro_model.hydraulics.cylinder import inside_stroke, stroke
+from hydro_model.hydraulics.cylinder import inside_stroke, lever, stroke
 from hydro_model.robot import Cylinder, FloatArray, Joint, Robot
 
 #: Of a stroke, and of the joint's range: by how much joint limits may be too wide.
 LIMITS_SLACK = 0.03
 #: Positions that are looked at for where a piston leaves its cylinder.
 _POSES = 2001
+#: Of the largest lever arm: what is closer to a dead centre a piston is not taken to.
+_LEAST_ARM = 0.05
 _LOG = logging.getLogger(__name__)
 
 
-def check_robot(robot: Robot, path: Path) -> None:
+def check_robot(robot: Robot, path: Path, *, narrow: bool = False) -> None:
     """Names given twice or not there, cylinders that their joints do not fit, no pressure.
 
     Parameters
@@ -28,6 +30,8 @@ def check_robot(robot: Robot, path: Path) -> None:
     robot : Robot
     path : Path
         Of its file.
+    narrow : bool
+        Joints of cylinders may be without limits: `within_strokes` finds some.
 
     Raises
     ------
@@ -42,7 +46,10 @@ def check_robot(robot: Robot, path: Path) -> None:
         check_known(
             f"cylinder '{cylinder.name}'", "joint", cylinder.joint, robot.joint_names, path
         )
-        _check_seat(cylinder, robot.joints[robot.joint_index(cylinder.joint)], path)
+        joint = robot.joints[robot.joint_index(cylinder.joint)]
+        _check_seat(cylinder, joint, path)
+        if not narrow and not _limited(joint):
+            raise RobotError(_unlimited(cylinder, joint, path))
     for valve in robot.valves:
         check_known(f"valve '{valve.name}'", "cylinder", valve.cylinder, cylinders, path)
     if robot.supply_pressure_pa < robot.tank_pressure_pa:
@@ -73,11 +80,17 @@ def _check_seat(cylinder: Cylinder, joint: Joint, path: Path) -> None:
             f" links there: expected the barrel's mass in the <inertial> of '{joint.parent_link}'"
             f" and the rod's in that of '{joint.child_link}', in the URDF"
         )
-    if not np.isfinite([joint.lower, joint.upper]).all():
-        raise RobotError(
-            f"{who} needs joint '{joint.name}' to have finite"
-            f" limits, found {joint.lower} to {joint.upper}"
-        )
+
+
+def _limited(joint: Joint) -> bool:
+    return bool(np.isfinite([joint.lower, joint.upper]).all())
+
+
+def _unlimited(cylinder: Cylinder, joint: Joint, path: Path) -> str:
+    return (
+        f"{path}: cylinder '{cylinder.name}' needs joint '{joint.name}' to have finite"
+        f" limits, found {joint.lower} to {joint.upper}"
+    )
 
 
 def check_known(who: str, what: str, name: str, known: tuple[str, ...], path: Path) -> None:
@@ -124,7 +137,7 @@ def check_once(what: str, names: list[str], path: Path) -> None:
         raise RobotError(f"{path}: {what} '{twice[0]}' appears more than once")
 
 
-def within_strokes(robot: Robot, path: Path) -> Robot:
+def within_strokes(robot: Robot, path: Path, *, narrow: bool = False) -> Robot:
     """A robot whose joint limits keep every piston in its cylinder.
 
     Limits and pins that were read off drawings disagree by a little: limits that are slightly
@@ -135,6 +148,9 @@ def within_strokes(robot: Robot, path: Path) -> Robot:
     robot : Robot
     path : Path
         Of its file.
+    narrow : bool
+        Limits that are far too wide, or not there, end where the piston does, too, or near a dead
+        centre (`reach`): for who reads what a machine did. Who drives one would rely on them.
 
     Returns
     -------
@@ -143,20 +159,28 @@ def within_strokes(robot: Robot, path: Path) -> Robot:
     Raises
     ------
     RobotError
-        The limits are too wide by more than a little.
+        The limits are too wide by more than a little and not to be narrowed, or nowhere between
+        them the cylinder has its stroke.
     """
     for cylinder in robot.cylinders:
         at = robot.joint_index(cylinder.joint)
         joint = robot.joints[at]
-        poses = np.linspace(joint.lower, joint.upper, _POSES)
-        x = stroke(cylinder, poses)
-        if not (x.min() < 0.0 or x.max() > cylinder.stroke_m):
-            continue
-        text = (
-            f"{path}: joint limits {joint.lower} to {joint.upper} move '{cylinder.name}' from"
-            f" {x.min():.3f} to {x.max():.3f} m, outside its stroke 0 to {cylinder.stroke_m} m"
-        )
-        inside = slightly_wide(cylinder, poses)
+        inside = None
+        if _limited(joint):
+            poses = np.linspace(joint.lower, joint.upper, _POSES)
+            x = stroke(cylinder, poses)
+            if not (x.min() < 0.0 or x.max() > cylinder.stroke_m):
+                continue
+            text = (
+                f"{path}: joint limits {joint.lower} to {joint.upper} move '{cylinder.name}' from"
+                f" {x.min():.3f} to {x.max():.3f} m, outside its stroke 0 to"
+                f" {cylinder.stroke_m} m"
+            )
+            inside = slightly_wide(cylinder, poses)
+        else:
+            text = _unlimited(cylinder, joint, path)
+        if inside is None and narrow:
+            inside = reach(cylinder, joint)
         if inside is None:
             raise RobotError(text)
         _LOG.warning("%s: taken as %.4f to %.4f", text, *inside)
@@ -164,6 +188,42 @@ def within_strokes(robot: Robot, path: Path) -> Robot:
         joints = (*robot.joints[:at], narrowed, *robot.joints[at + 1 :])
         robot = replace(robot, joints=joints)
     return robot
+
+
+def reach(cylinder: Cylinder, joint: Joint) -> tuple[float, float] | None:
+    """Ends of the longest stretch between a joint's limits that its cylinder can drive.
+
+    Parameters
+    ----------
+    cylinder : Cylinder
+    joint : Joint
+
+    Returns
+    -------
+    tuple of float or None
+        Positions on one side of the dead centres, off them, at which the piston is in its
+        cylinder; of a joint without limits on the side on which a positive turn extends it. None
+        where there are none.
+    """
+    lower, upper = joint.lower, joint.upper
+    if not _limited(joint):
+        direct = cylinder.l1_m == 0.0
+        begin = cylinder.x0_m if direct else -cylinder.q0_rad
+        end = begin + (cylinder.stroke_m if direct else np.pi)
+        lower, upper = max(lower, begin), min(upper, end)
+    if not lower < upper:
+        return None
+    poses = np.linspace(lower, upper, _POSES)
+    arm = lever(cylinder, poses)
+    side = np.where(np.abs(arm) >= _LEAST_ARM * np.abs(arm).max(), np.sign(arm), 0.0)
+    cuts = np.flatnonzero(np.diff(side)) + 1
+    found = [
+        inside
+        for part, sides in zip(np.split(poses, cuts), np.split(side, cuts), strict=True)
+        if sides[0] and (inside := inside_stroke(cylinder, part)) is not None
+    ]
+    ends = max(found, key=lambda ends: ends[1] - ends[0], default=(0.0, 0.0))
+    return ends if ends[0] < ends[1] else None
 
 
 def slightly_wide(cylinder: Cylinder, poses: FloatArray) -> tuple[float, float] | None:
