@@ -32,22 +32,15 @@ from hydro_ident.identify.consistent_robot import (
 from hydro_ident.identify.estimation import Estimates, Estimation
 from hydro_ident.identify.estimator_choice import Chosen
 from hydro_ident.identify.identified_robot import identified_robot
-from hydro_ident.identify.job import (
-    Job,
-    Scores,
-    Settings,
-    prepared,
-    rolled_out,
-    score_notes,
-    scored,
-)
+from hydro_ident.identify.job import Job, Settings, prepared
+from hydro_ident.identify.last_pass import Scores, rolled_out, score_notes, scored
 from hydro_ident.identify.model_error import flagged, left_out
 from hydro_ident.identify.position_noise import with_bias
 from hydro_ident.identify.recording_summary import RecordingSummary, recording_summaries
 from hydro_ident.identify.rejection import tested, within_bounds
 from hydro_ident.identify.spool_openings import with_command_delay
-from hydro_ident.identify.swapped_signals import swapped_signals
 from hydro_ident.identify.survey import Looked, looked_at, recorded_notes
+from hydro_ident.identify.swapped_signals import swapped_signals
 from hydro_ident.identify.verdict import (
     NOT_ENOUGH,
     BagLoss,
