@@ -1,4 +1,4 @@
-"""One identification as its passes need it: what is read of the recordings, and how it is split."""
+"""One identification as its passes need it: what is read of recordings, and how it is split."""
 
 from __future__ import annotations
 
