@@ -21,7 +21,7 @@ from hydro_hw_bridge.bus import bus as bus_module
 from hydro_hw_bridge.bus.bus import Bus
 from hydro_hw_bridge.bus.bus_name import BusName, parse_bus
 from hydro_hw_bridge.bus.bus_open import open_bus
-from hydro_hw_bridge.bus.error_frames import error_frame, name_of
+from hydro_hw_bridge.bus.error_frames import BUS_OFF, error_frame, name_of
 from hydro_hw_bridge.bus.simulated_faults import begun_ns
 from hydro_hw_bridge.errors import BridgeError
 
@@ -136,6 +136,16 @@ def test_only_the_asked_identifiers_are_received() -> None:
         assert received is not None
         assert received.arbitration_id == 0x80
         assert bus.receive(0.05) is None
+
+
+def test_error_frames_come_through_where_python_can_itself_would_filter_them() -> None:
+    with (
+        can.Bus("errors", interface="virtual") as other,
+        open_bus("virtual:errors", [0x80]) as bus,
+    ):
+        other.send(error_frame(BUS_OFF))
+        assert bus.receive(2.0) is None
+        assert (bus.counters.error_frames, bus.off) == (1, True)
 
 
 def test_what_waits_is_taken_whatever_it_is(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,6 +19,9 @@ from hydro_hw_bridge.bus.bus import Bus, told
 from hydro_hw_bridge.bus.bus_name import BusName, parse_bus
 from hydro_hw_bridge.errors import BridgeError
 
+#: Interfaces that give error frames whatever is filtered: the kernel's, and those on which nobody
+#: but the plugin makes any. Elsewhere python-can filters in software, and they would be dropped.
+FILTERED = ("socketcan", "udp_multicast", "simulated_faults")
 LOOPBACK = "127.0.0.1"
 RECEIVE_BUFFER_BYTES = 1 << 20
 
@@ -32,7 +35,8 @@ def open_bus(text: str, identifiers: Sequence[int] | None = None) -> Bus:
         `socketcan:can0`, `can0` or `udp_multicast:GROUP[:PORT]`; other python-can interfaces as
         `interface:channel`.
     identifiers : sequence of int, optional
-        Receive only these identifiers; by default everything.
+        Receive only these identifiers, where the interface gives error frames all the same
+        (`FILTERED`); by default, and elsewhere, everything.
 
     Returns
     -------
@@ -45,7 +49,7 @@ def open_bus(text: str, identifiers: Sequence[int] | None = None) -> Bus:
     """
     name = parse_bus(text)
     filters = None
-    if identifiers is not None:
+    if identifiers is not None and name.interface in FILTERED:
         filters = [can.typechecking.CanFilter(can_id=i, can_mask=0x1FFFFFFF) for i in identifiers]
     if name.interface == "udp_multicast":
         return Bus(name, open_multicast(name, filters))
