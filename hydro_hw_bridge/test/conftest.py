@@ -53,7 +53,9 @@ class Bench:
 
     def __init__(self, codec: Codec, readings: Make, *, lockstep: bool) -> None:
         self.wire = Wire()
-        self.core = BridgeCore(codec, LIMITS, lockstep=lockstep, send=self.wire.send)
+        self.core = BridgeCore(
+            codec, LIMITS, lockstep=lockstep, send=self.wire.send, hears_itself=True
+        )
         self.codec, self.readings = codec, readings
         self.early: list[Step] = []
 

@@ -206,6 +206,19 @@ def test_a_restart_while_waiting_needs_no_clearing(lockstep: Any) -> None:
     assert lockstep.sent(lockstep.command(0, 1.0).answer).enable
 
 
+def test_where_a_sender_never_hears_itself_its_own_frame_is_anothers(
+    codec: Codec, real_time: Any
+) -> None:
+    core = BridgeCore(codec, real_time.core.gate.limits, lockstep=False, send=real_time.wire.send)
+    real_time.core = core
+    real_time.drive()
+    own = codec.receive(real_time.wire.sent[-1])
+    assert own is not None
+    assert not real_time.sent(core.hear_command(own).answer).enable
+    assert core.commands.foreign == 1
+    assert core.gate.reason == "valve frames of another sender are on the bus"
+
+
 @pytest.mark.parametrize("period_s", [0.001, 0.002, 1.0])
 def test_stamps_are_a_period_of_the_device_apart(codec: Codec, period_s: float) -> None:
     limits = GateLimits(codec.valve_names, (10.0, 10.0), period_s, 1000.0, 5, 2.0e6)

@@ -148,6 +148,14 @@ def test_error_frames_come_through_where_python_can_itself_would_filter_them() -
         assert (bus.counters.error_frames, bus.off) == (1, True)
 
 
+@pytest.mark.parametrize(("name", "own"), [("virtual:own", False), (NAME, True)])
+def test_whether_a_sender_hears_itself_is_known(name: str, own: bool) -> None:
+    with open_bus(name, [0x80]) as bus:
+        assert bus.hears_itself is own
+        assert bus.send(message(0x80))
+        assert (bus.receive(2.0 if own else 0.05) is not None) is own
+
+
 def test_what_waits_is_taken_whatever_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bus_module, "_DRAIN_S", 60.0)
     with open_bus(NAME, [0x80]) as bus, open_bus(NAME) as other:

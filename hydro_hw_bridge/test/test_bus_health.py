@@ -88,6 +88,12 @@ def test_frames_waited_since_this_computer_got_them(interface: str) -> None:
     assert health.waited_s(100.25, 100.0) == 0.0
 
 
+def test_a_sender_hears_itself_but_where_it_is_known_not_to() -> None:
+    """Where it does not, whoever sends the same frame again is somebody else."""
+    hear = [interface for interface in INTERFACES if BusHealth(interface).hears_itself]
+    assert hear == ["udp_multicast", "simulated_faults", "pcan"]
+
+
 def caused(error: BaseException, cause: BaseException) -> BaseException:
     error.__cause__ = cause
     return error

@@ -55,6 +55,11 @@ class Bus:
         return self.health.off
 
     @property
+    def hears_itself(self) -> bool:
+        """As of `BusHealth`."""
+        return self.health.hears_itself
+
+    @property
     def last_error(self) -> str:
         """As of `BusHealth`."""
         return self.health.last_error

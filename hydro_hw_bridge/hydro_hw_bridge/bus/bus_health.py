@@ -15,6 +15,8 @@ _FULL = (errno.ENOBUFS, errno.EAGAIN)
 _DATAGRAMS = ("udp_multicast", "simulated_faults")
 #: Interfaces whose frames carry the time of this computer at which they came.
 _STAMPED = (*_DATAGRAMS, "socketcan", "virtual")
+#: Interfaces that never give a sender its own frames, as they are opened here.
+_DEAF_TO_THEMSELVES = ("socketcan", "virtual")
 
 
 @dataclass(slots=True)
@@ -108,6 +110,11 @@ class BusHealth:
     def passed(self) -> int:
         """Times that something was read which is no data frame: more may wait behind it."""
         return self.counters.error_frames + self.counters.malformed
+
+    @property
+    def hears_itself(self) -> bool:
+        """Whether a sender may hear its own frames: of a vendor's interface nobody knows."""
+        return self._interface not in _DEAF_TO_THEMSELVES
 
     def waited_s(self, stamp_s: float, now_s: float) -> float:
         """How long a frame has waited since this computer got it.

@@ -48,6 +48,8 @@ class BridgeCore:
     lockstep : bool
     send : callable
         Sends a frame at once; False where the bus did not take it.
+    hears_itself : bool, optional
+        What was sent may be heard again. Elsewhere every valve frame heard is another's.
 
     Attributes
     ----------
@@ -71,9 +73,10 @@ class BridgeCore:
         *,
         lockstep: bool,
         send: Callable[[can.Message], bool] = _taken,
+        hears_itself: bool = False,
     ) -> None:
         self.codec = codec
-        self.lockstep = lockstep
+        self.lockstep, self._hears_itself = lockstep, hears_itself
         self.gate = Gate(limits)
         self.clock = SampleClock(round(limits.period_s * 1e9), whole_seconds=lockstep)
         wary = _WARY_IN_LOCKSTEP if lockstep else WARY_CYCLES
@@ -342,9 +345,9 @@ class BridgeCore:
         Parameters
         ----------
         frame : Frame
-            Intact. Some buses let a sender hear its own.
+            Intact.
         """
-        if frame.data in self._valves.own:
+        if self._hears_itself and frame.data in self._valves.own:
             return NOTHING
         self.commands.foreign += 1
         return self.condition(FOREIGN, "valve frames of another sender are on the bus")

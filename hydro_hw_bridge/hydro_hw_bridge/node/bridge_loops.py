@@ -76,7 +76,13 @@ class BridgeLoops:
 
     def _new_core(self) -> BridgeCore:
         parts, lockstep = self._parts, self._parts.settings.clock == LOCKSTEP
-        return BridgeCore(parts.codec, parts.limits, lockstep=lockstep, send=self._link.send)
+        return BridgeCore(
+            parts.codec,
+            parts.limits,
+            lockstep=lockstep,
+            send=self._link.send,
+            hears_itself=parts.bus.hears_itself,
+        )
 
     def _new_times(self) -> BridgeTimes:
         lockstep = self._parts.settings.clock == LOCKSTEP
