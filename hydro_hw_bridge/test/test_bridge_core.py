@@ -206,6 +206,85 @@ def test_a_restart_while_waiting_needs_no_clearing(lockstep: Any) -> None:
     assert lockstep.sent(lockstep.command(0, 1.0).answer).enable
 
 
+def _told(bench: Any, steps: list[Any]) -> list[int]:
+    """Answered counters of what left; all of it 0 V."""
+    sent = [bench.sent(step.answer) for step in steps if step.answer is not None]
+    assert all(one.voltages == (0.0, 0.0) and not one.enable for one in sent)
+    return [one.answered for one in sent]
+
+
+@pytest.mark.parametrize("driven", [True, False])
+def test_cycles_that_lack_a_frame_are_told_zero_as_they_begin(
+    real_time: Any, driven: bool
+) -> None:
+    """Tripped or waiting; and no cycle twice once they are whole again."""
+    real_time.core.activate(ready=True)
+    real_time.cycle(1)
+    if driven:
+        real_time.command(1, 5.0)
+    told = [_told(real_time, real_time.without(counter, 1)) for counter in range(2, 12)]
+    first = 5 if driven else 1  # the first one that lacks a frame is not known to as it begins
+    assert told == [[]] * first + [[counter] for counter in range(2 + first, 12)]
+    assert real_time.core.gate.state is (GateState.TRIPPED if driven else GateState.WAITING)
+    assert [len(real_time.early) for c in range(12, 15) if real_time.cycle(c).answer] == [1, 0, 0]
+
+
+def test_cycles_that_lack_a_frame_are_not_told_zero_while_driving_or_inactive(
+    real_time: Any,
+) -> None:
+    for counter in range(1, 5):
+        assert _told(real_time, real_time.without(counter, 1)) == []
+    real_time.core.activate(ready=True)
+    real_time.cycle(5)
+    real_time.command(5, 5.0)
+    for counter in range(6, 10):
+        assert _told(real_time, real_time.without(counter, 1)) == []
+    assert real_time.core.stop_now() is NOTHING
+    assert real_time.core.gate.state is GateState.DRIVING
+
+
+def test_before_the_first_cycle_there_is_nothing_to_answer(real_time: Any) -> None:
+    real_time.core.activate(ready=True)
+    assert real_time.core.stop_now() is NOTHING
+    assert real_time.core.deactivate() is None
+    with pytest.raises(TypeError):
+        real_time.core.silence(0.0, True)
+
+
+def test_closing_goes_on_where_cycles_lack_a_frame(real_time: Any) -> None:
+    real_time.drive(5.0)
+    real_time.without(2, 1)
+    assert real_time.sent(real_time.core.deactivate()).answers(2)
+    told = [t for counter in range(3, 12) for t in _told(real_time, real_time.without(counter, 1))]
+    assert told == list(range(3, 3 + CLOSING_CYCLES))
+
+
+def test_a_stop_answers_the_cycle_that_has_begun(real_time: Any, lockstep: Any) -> None:
+    """Amplifiers may take none for an older one; in lockstep they wait for one that is whole."""
+    for bench, answered in ((real_time, 3), (lockstep, 1)):
+        bench.drive(5.0)
+        bench.without(3, 1, lockstep=bench.core.lockstep)
+        bench.core.gate.trip("test")
+        step = bench.core.stop_now()
+        assert _told(bench, [step]) == [answered]
+
+
+def test_in_lockstep_a_cycle_that_lacks_a_frame_is_not_answered(lockstep: Any) -> None:
+    lockstep.drive(5.0)
+    lockstep.core.gate.trip("test")
+    for counter in range(2, 5):
+        assert _told(lockstep, lockstep.without(counter, 1)) == []
+
+
+def test_a_restart_is_told_zero_from_its_second_cycle_on_whether_whole_or_not(
+    real_time: Any,
+) -> None:
+    real_time.core.activate(ready=True)
+    real_time.cycle(5000)
+    told = [_told(real_time, real_time.without(counter, 1)) for counter in range(5)]
+    assert told == [[], [], [2], [3], [4]]
+
+
 def test_where_a_sender_never_hears_itself_its_own_frame_is_anothers(
     codec: Codec, real_time: Any
 ) -> None:

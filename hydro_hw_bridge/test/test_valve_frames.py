@@ -159,7 +159,7 @@ def test_a_wire_without_a_count_for_0_v_has_0_v_at_the_valves_while_it_is_off(
 
     def told(counter: int) -> tuple[float, ...]:
         (state,) = frames.step(
-            counter, Sample(NOW, counter, readings(counter), False)
+            counter, Sample(NOW, counter, readings(counter), False), counter
         ).valve_states
         assert frames.on_wire_v == state.voltages
         return state.voltages

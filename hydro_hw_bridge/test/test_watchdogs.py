@@ -207,10 +207,15 @@ def test_in_lockstep_the_machine_waits_with_its_frames(lockstep: Any) -> None:
     assert lockstep.core.read_late == 0
 
 
-def test_a_device_that_counts_anew_in_silence_has_no_cycle_to_answer(real_time: Any) -> None:
+def test_a_device_of_which_no_cycle_was_whole_is_told_0_v_for_what_it_began(
+    real_time: Any,
+) -> None:
     real_time.drive()
     real_time.core.sample = None
-    assert real_time.core.silence(2.0 * LIMITS.max_age_s) is NOTHING
+    step = real_time.core.silence(2.0 * LIMITS.max_age_s)
+    assert step.valve_states == ()
+    assert real_time.sent(step.answer).answers(1)
+    assert not real_time.sent(step.answer).enable
     assert real_time.core.gate.state is GateState.TRIPPED
 
 

@@ -90,7 +90,8 @@ class BridgeCore:
         self.active = False
         self.ready = False
         self.sample: Sample | None = None
-        self._begun = self._closing = 0
+        self._begun: int | None = None
+        self._closing = 0
 
     @property
     def spoke(self) -> bool:
@@ -148,9 +149,21 @@ class BridgeCore:
         Returns
         -------
         can.Message or None
-            What was sent; None before the first cycle or where the bus did not take it.
+            What was sent; None before the first cycle, or where the bus did not take it.
         """
-        return None if self.sample is None else self._valves.answer(self.sample.counter)
+        counter = self._to_answer
+        return None if counter is None else self._valves.answer(counter)
+
+    @property
+    def _to_answer(self) -> int | None:
+        """The cycle that is answered where the bridge speaks by itself; None before the first.
+
+        In lockstep one that is whole: the device waits for the answer to it. In real time the
+        newest that has begun, as amplifiers may take none for an older one.
+        """
+        if not self.lockstep:
+            return self._begun
+        return None if self.sample is None else self.sample.counter
 
     def receive(self, frame: Frame, now_ns: int) -> Step:
         """Take a frame of the device.
@@ -177,7 +190,10 @@ class BridgeCore:
             # It was held until this sync frame, and is over before what that says is looked at.
             held, cycle = self._cycle(cycle), None
         was = self.gate.state
+        unfinished = False
         if counter != before:
+            whole = None if self.sample is None else self.sample.counter
+            unfinished = self._begun is not None and self._begun != whole
             self._begun = self.clock.extend(counter)
             self.gate.advance(self._begun)
         if counters.contradicted != contradicted and self.active:
@@ -187,14 +203,21 @@ class BridgeCore:
         if cycle is not None:
             return self._cycle(cycle)
         after = self._after(was)
+        if unfinished and after is NOTHING:
+            after = self._beside_samples()
         return after if held is NOTHING else held.and_then(after)
+
+    def _beside_samples(self) -> Step:
+        """In real time 0 V goes on where cycles lack a frame: any one 0 V may be lost."""
+        answer = None if self.lockstep else self._own_answer()
+        return NOTHING if answer is None else Step(answer=answer)
 
     def _restart(self) -> None:
         self._supervision.restarted()
         self.gate.forget()
         self._intake.forget()
         self._valves.forget()
-        self.sample = None
+        self.sample = self._begun = None
 
     def _cycle(self, cycle: Cycle) -> Step:
         if cycle.kind is CycleKind.REPEAT and self.sample is not None:
@@ -230,7 +253,8 @@ class BridgeCore:
 
     def _own_answer(self) -> can.Message | None:
         """What the bridge answered to the newest cycle without a command."""
-        if self.sample is None or (self.active and self.gate.state is GateState.DRIVING):
+        counter = self._to_answer
+        if counter is None or (self.active and self.gate.state is GateState.DRIVING):
             return None
         if not self.active:
             if not self._closing:
@@ -239,10 +263,10 @@ class BridgeCore:
         elif (
             self.lockstep
             and self.gate.state is GateState.WAITING
-            and self._valves.answered != self.sample.counter
+            and self._valves.answered != counter
         ):
             return None
-        return self._valves.answer(self.sample.counter)
+        return self._valves.answer(counter)
 
     def command(
         self,
@@ -278,26 +302,17 @@ class BridgeCore:
         was = self.gate.state
         outcome, counter = self._intake.judge(stamp_ns, names, voltages, number)
         if outcome is Outcome.ACCEPTED and counter is not None:
-            return self._answered(self.sample, counter)
+            return self._valves.step(counter, self.sample, self._begun)
         if outcome is Outcome.RELEASED or self.gate.state is not was:
             return self.stop_now()
         return NOTHING
 
     def stop_now(self) -> Step:
         """The gate stopped driving: tell the device at once."""
-        if not self.active or self.gate.state is GateState.DRIVING or self.sample is None:
+        counter = self._to_answer
+        if not self.active or self.gate.state is GateState.DRIVING or counter is None:
             return NOTHING
-        return self._answered(self.sample, self.sample.counter)
-
-    def _answered(self, newest: Sample, counter: int) -> Step:
-        """Answer a cycle, and tell what followed for the newest that is whole.
-
-        Where a later one has begun, what leaves now is in force in that one: up to its begin
-        the valves had what they had.
-        """
-        before = self._valves.state_of(newest) if self._begun > newest.counter else ()
-        step = self._valves.step(counter, newest)
-        return Step(valve_states=(*before, *step.valve_states), answer=step.answer)
+        return self._valves.step(counter, self.sample, self._begun)
 
     def _after(self, was: GateState) -> Step:
         """What follows where the gate is not as it was: it stopped driving."""

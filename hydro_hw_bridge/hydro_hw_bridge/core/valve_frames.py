@@ -94,18 +94,27 @@ class ValveFrames:
         self.on_wire_v = self._answer_v
         return self._answer
 
-    def step(self, counter: int, newest: Sample) -> Step:
-        """Answer a cycle, and tell the valve state of the newest one, if this is its answer.
+    def step(self, counter: int, newest: Sample | None, begun: int | None) -> Step:
+        """Answer a cycle, and tell what followed for the newest that is whole.
+
+        Where a later one has begun, what leaves now is in force in that one: up to its begin
+        the valves had what they had.
 
         Parameters
         ----------
         counter : int
             Sample counter of the cycle that is answered.
-        newest : Sample
+        newest : Sample or None
+            The newest that is whole.
+        begun : int or None
+            Sample counter of the newest that has begun.
         """
+        over = newest is not None and newest.counter != begun
+        before = self.state_of(newest) if over else ()
         answer = self.answer(counter)
-        stated = newest.counter == counter and answer is not None
-        return Step(valve_states=self.state_of(newest) if stated else (), answer=answer)
+        stated = newest is not None and newest.counter == counter and answer is not None
+        own = self.state_of(newest) if stated else ()
+        return Step(valve_states=(*before, *own), answer=answer)
 
     def state_of(self, sample: Sample | None) -> tuple[ValveState, ...]:
         """The valve state of the newest cycle, once.
