@@ -44,11 +44,21 @@ class Turned:
     def monotonic(self) -> float:
         return self.now_s
 
-    def take(self, message: can.Message | Frame | None, waited_s: float = 0.0) -> tuple[Step, ...]:
-        """A message, or none, is read."""
+    def take(
+        self,
+        message: can.Message | Frame | None,
+        waited_s: float = 0.0,
+        *,
+        told: bool = False,
+        later_s: float = 0.0,
+    ) -> tuple[Step, ...]:
+        """A message, or none, is read, `told` when it came, and `later_s` after that looked at."""
         frame = self.bench.codec.receive(message) if isinstance(message, can.Message) else message
         at = Arrival(self.now_s, waited_s, ROS_NS) if tells_time(frame) else None
-        return self.turns.received(frame, at, self.now_s, idle=message is None)
+        to_s = self.now_s - waited_s if told else None
+        self.now_s += later_s
+        idle = message is None
+        return self.turns.received(frame, at, self.now_s, idle=idle, read_to_s=to_s)
 
     def cycle(self, counter: int, waited_s: float = 0.0, **changes: Any) -> tuple[Step, ...]:
         """All steps that are not nothing."""
@@ -66,6 +76,10 @@ class Turned:
         self.cycle(1)
         assert self.command(1, 1.0)[0].answer is not None
         assert self.gate.state is GateState.DRIVING
+
+    def drive_on(self, counter: int) -> None:
+        self.cycle(counter)
+        assert self.command(counter, 1.0)[0].answer is not None
 
     @property
     def gate(self) -> Any:
@@ -104,6 +118,10 @@ def test_the_step_of_the_frame_itself_comes_first(turned: Turned) -> None:
     # A message that is none of the bridge's is nothing, and no pause of the bus.
     turned.now_s += LONGEST_SILENCE_S - 1e-6
     assert turned.turns.received(None, None, turned.now_s, idle=False) == (NOTHING, NOTHING)
+    assert not turned.bench.core._supervision.outdated
+    # But where the interface tells when it came it shows how far the bus is read.
+    turned.turns.received(None, None, turned.now_s, idle=False, read_to_s=turned.now_s)
+    assert turned.bench.core._supervision.outdated
 
 
 def test_a_frame_before_the_first_sync_has_no_time(turned: Turned) -> None:
@@ -132,8 +150,62 @@ def test_where_something_always_waits_silence_is_told_later(turned: Turned) -> N
     assert turned.gate.state is GateState.DRIVING
     turned.now_s = start + LONGEST_SILENCE_S + 1e-9
     turned.take(other)
-    assert turned.gate.reason == "nothing from the device for 10 ms"
+    assert turned.gate.reason == "no sync frame from the device for 10 ms"
     assert LONGEST_SILENCE_S == 0.05
+
+
+def test_sync_frames_that_stay_away_end_driving_though_others_come(turned: Turned) -> None:
+    """A frame that did not wait shows that the bus is read up to the present."""
+    turned.drive()
+    others = turned.bench.codec.encode_cycle(turned.bench.readings(1))[1:]
+    for ms in range(1, 10):
+        turned.now_s += 0.001
+        turned.take(others[ms % 4], told=True)
+        assert turned.gate.state is GateState.DRIVING, ms
+    turned.now_s += 0.0012
+    steps = turned.take(others[0], told=True)
+    assert turned.gate.reason == "no sync frame from the device for 10 ms"
+    assert [step.answer is not None for step in steps if step is not NOTHING] == [True]
+
+
+def test_what_waited_behind_a_stall_is_no_silence(turned: Turned) -> None:
+    """The next sync frame waits behind it: this process was late, not the device."""
+    turned.drive()
+    others = turned.bench.codec.encode_cycle(turned.bench.readings(1))[1:]
+    turned.now_s += 0.040
+    turned.take(others[0], waited_s=0.0399, told=True)
+    turned.take(others[1], waited_s=0.031, told=True)
+    assert turned.gate.state is GateState.DRIVING
+    # So is what was read in time and looked at late.
+    turned.drive_on(2)
+    turned.now_s += 0.001
+    turned.take(others[2], told=True, later_s=0.030)
+    assert turned.gate.state is GateState.DRIVING
+    turned.drive_on(3)
+    turned.now_s += 0.012
+    turned.take(others[3], waited_s=0.0015, told=True)
+    assert turned.gate.reason == "no sync frame from the device for 10 ms"
+
+
+@pytest.mark.parametrize("kind", ["the same", "from afar", "late"])
+def test_sync_frames_that_begin_no_cycle_end_no_silence(turned: Turned, kind: str) -> None:
+    turned.drive()
+    turned.cycle(2)
+    turned.command(2, 1.0)
+    counters = {"the same": [2] * 3, "from afar": [8192 * k for k in (3, 5, 7)], "late": [1, 7, 1]}
+    since = turned.now_s
+    for counter in counters[kind]:
+        turned.now_s += 0.003
+        turned.take(turned.bench.codec.encode_cycle(turned.bench.readings(counter))[0])
+        turned.take(None)
+        if kind == "late" and counter == 7:
+            since = turned.now_s  # that one went on
+        assert turned.gate.state is GateState.DRIVING
+    turned.now_s = since + 0.0101
+    assert turned.command(7 if kind == "late" else 2, 1.0)[0] is NOTHING
+    assert turned.bench.core.commands.outdated == 1
+    turned.take(None)
+    assert turned.gate.reason == "the device's sample counter did not go on for 10 ms"
 
 
 def test_times_are_held_to_and_not_fallen_short_of(turned: Turned) -> None:

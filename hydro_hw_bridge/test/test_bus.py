@@ -152,6 +152,7 @@ def test_error_frames_come_through_where_python_can_itself_would_filter_them() -
 def test_whether_a_sender_hears_itself_is_known(name: str, own: bool) -> None:
     with open_bus(name, [0x80]) as bus:
         assert bus.hears_itself is own
+        assert bus.tells_waiting
         assert bus.send(message(0x80))
         assert (bus.receive(2.0 if own else 0.05) is not None) is own
 

@@ -94,6 +94,11 @@ def test_a_sender_hears_itself_but_where_it_is_known_not_to() -> None:
     assert hear == ["udp_multicast", "simulated_faults", "pcan"]
 
 
+@pytest.mark.parametrize("interface", INTERFACES)
+def test_an_interface_tells_when_frames_came_or_does_not(interface: str) -> None:
+    assert BusHealth(interface).tells_waiting is (interface != "pcan")
+
+
 def caused(error: BaseException, cause: BaseException) -> BaseException:
     error.__cause__ = cause
     return error

@@ -167,6 +167,32 @@ def test_an_emergency_stop_latches_by_its_frame_alone_while_nothing_is_driven(
     assert real_time.core.gate.reason == "emergency stop"
 
 
+def test_an_emergency_stop_latches_before_any_cycle_was_whole(real_time: Any) -> None:
+    real_time.without(1, 1, emergency_stop_ok=False)
+    assert real_time.core.gate.trips == 0  # of no bridge that is to drive
+    real_time.start()
+    for counter in (2, 3):
+        real_time.without(counter, 1)
+    assert real_time.core.gate.trips == 0
+    (stop,) = [s for s in real_time.without(4, 1, emergency_stop_ok=False) if s.answer]
+    assert not real_time.sent(stop.answer).enable
+    assert real_time.core.gate.reason == "emergency stop"
+    refused = (False, "still there: no complete cycle from the device yet")
+    assert real_time.core.gate.clear() == refused
+
+
+def test_an_emergency_stop_latches_before_a_device_that_restarts_has_a_whole_cycle(
+    real_time: Any,
+) -> None:
+    real_time.core.activate(ready=True)
+    real_time.cycle(5000)
+    real_time.without(0, 1)
+    real_time.without(1, 1)
+    assert real_time.core.assembler.counters.restarts == 1
+    real_time.without(2, 1, emergency_stop_ok=False)
+    assert real_time.core.gate.reason == "emergency stop"
+
+
 def test_a_permissive_that_goes_stops_with_its_own_cycle(real_time: Any) -> None:
     real_time.start()
     real_time.cycle(1)
@@ -235,6 +261,8 @@ def test_what_a_word_means_is_always_said_to_supervision(codec: Codec, readings:
     with pytest.raises(TypeError):
         Supervision(codec, gate, False)  # type: ignore[call-arg, misc]
     supervision = Supervision(codec, gate, lockstep=False)
+    with pytest.raises(TypeError):
+        supervision.silence(0.0, True)  # type: ignore[call-arg, misc]
     for call, arguments in (
         (supervision.cycle, (usual, 1, (0.0, 0.0))),
         (supervision.compare_clocks, (usual.status,)),
@@ -281,13 +309,17 @@ def test_reasons_give_the_limit(codec: Codec) -> None:
     assert late.reason == "the device's frames waited for 3000 ms to be read (limit 2000 ms)"
 
 
-def test_a_counter_may_stand_from_the_first_cycle_on_for_as_long_as_later(codec: Codec) -> None:
+def test_a_counter_may_stand_from_the_first_cycle_on_for_as_long_as_later(
+    codec: Codec, readings: Any
+) -> None:
     gate = _driving(LIMITS)
     supervision = Supervision(codec, gate, lockstep=False)
+    sync = codec.receive(codec.encode_cycle(readings(1))[0])
+    assert sync is not None
     for _ in range(LIMITS.max_age_cycles):
-        supervision.repeated()
+        supervision.sync(sync, 1, advanced=False, active=True)
         assert gate.state is GateState.DRIVING
-    supervision.repeated()
+    supervision.sync(sync, 1, advanced=False, active=True)
     assert gate.reason == "the device's sample counter stood still for 6 cycles"
 
 

@@ -60,6 +60,11 @@ class Bus:
         return self.health.hears_itself
 
     @property
+    def tells_waiting(self) -> bool:
+        """As of `BusHealth`."""
+        return self.health.tells_waiting
+
+    @property
     def last_error(self) -> str:
         """As of `BusHealth`."""
         return self.health.last_error

@@ -116,6 +116,11 @@ class BusHealth:
         """Whether a sender may hear its own frames: of a vendor's interface nobody knows."""
         return self._interface not in _DEAF_TO_THEMSELVES
 
+    @property
+    def tells_waiting(self) -> bool:
+        """Whether the interface tells when a frame came."""
+        return self._interface in _STAMPED
+
     def waited_s(self, stamp_s: float, now_s: float) -> float:
         """How long a frame has waited since this computer got it.
 
@@ -130,7 +135,7 @@ class BusHealth:
         float
             s; 0 where the interface does not tell.
         """
-        return max(now_s - stamp_s, 0.0) if self._interface in _STAMPED else 0.0
+        return max(now_s - stamp_s, 0.0) if self.tells_waiting else 0.0
 
     # -- sending
 

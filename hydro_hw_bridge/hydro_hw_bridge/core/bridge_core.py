@@ -190,8 +190,8 @@ class BridgeCore:
             # It was held until this sync frame, and is over before what that says is looked at.
             held, cycle = self._cycle(cycle), None
         was = self.gate.state
-        unfinished = False
-        if counter != before:
+        advanced, unfinished = counter != before, False
+        if advanced:
             whole = None if self.sample is None else self.sample.counter
             unfinished = self._begun is not None and self._begun != whole
             self._begun = self.clock.extend(counter)
@@ -199,7 +199,7 @@ class BridgeCore:
         if counters.contradicted != contradicted and self.active:
             self._supervision.contradicted(frame)
         if frame.role == "sync":
-            self._supervision.sync(frame, counter, active=self.active)
+            self._supervision.sync(frame, counter, advanced=advanced, active=self.active)
         if cycle is not None:
             return self._cycle(cycle)
         after = self._after(was)
@@ -242,7 +242,6 @@ class BridgeCore:
         """A cycle that the device sent again, as its answer did not come or was lost."""
         self.sample = Sample(known.stamp_ns, known.counter, known.readings, True)
         answered = self._valves.answered == known.counter
-        self._supervision.repeated()
         if answered and self.active and self.gate.state is GateState.DRIVING:
             # In real time an old command must not keep the amplifiers' watchdog quiet.
             answer = self._valves.repeat() if self.lockstep else None
@@ -288,7 +287,7 @@ class BridgeCore:
         number : int, optional
             Of the message, counted by its publisher.
         unheard_s : float, optional
-            For how long, by now, no frame of the device has been read. After a stall of this
+            For how long, by now, no new cycle of the device has been read. After a stall of this
             process a command may be taken before what the device said meanwhile: in real time
             it is as old as that, and drives nothing.
         """
@@ -318,15 +317,17 @@ class BridgeCore:
         """What follows where the gate is not as it was: it stopped driving."""
         return NOTHING if self.gate.state is was else self.stop_now()
 
-    def silence(self, elapsed_s: float) -> Step:
-        """The device sent nothing for a while of wall time, as of `Supervision.silence`.
+    def silence(self, elapsed_s: float, *, others: bool = False) -> Step:
+        """The device began no new cycle for a while, as of `Supervision.silence`.
 
         Parameters
         ----------
         elapsed_s : float
+        others : bool, optional
+            Other frames of the device come.
         """
         was = self.gate.state
-        self._supervision.silence(elapsed_s)
+        self._supervision.silence(elapsed_s, others=others)
         return self._after(was)
 
     def waited(self, waited_s: float) -> Step:

@@ -12,7 +12,7 @@ from hydro_hw_bridge.core.supervision import FOREIGN
 from hydro_hw_bridge.protocol.bridge_step import NOTHING, Step
 from hydro_hw_bridge.protocol.frames import Frame
 
-#: Silence is told by a bus on which nothing waits; where something always does, after this.
+#: Silence is told by a bus that is read up to the present; where nothing tells that, after this.
 LONGEST_SILENCE_S = 0.05
 #: Longer than a device in lockstep takes to repeat a cycle.
 SILENT_S = 2.5
@@ -71,7 +71,7 @@ class BridgeTurns:
     def __init__(self, core: BridgeCore, link: CommandLink, claim: Claim, now_s: float) -> None:
         self.core = core
         self._link, self._claim = link, claim
-        self._heard_s = self._foreign_s = now_s
+        self._heard_s = self._advanced_s = self._foreign_s = now_s
 
     def begin(self, core: BridgeCore) -> None:
         """A new core, which takes over what must outlive the one before.
@@ -86,7 +86,13 @@ class BridgeTurns:
     # -- what comes
 
     def received(
-        self, frame: Frame | None, arrival: Arrival | None, now_s: float, *, idle: bool
+        self,
+        frame: Frame | None,
+        arrival: Arrival | None,
+        now_s: float,
+        *,
+        idle: bool,
+        read_to_s: float | None = None,
     ) -> tuple[Step, ...]:
         """The bus was read.
 
@@ -99,20 +105,25 @@ class BridgeTurns:
         now_s : float
         idle : bool
             Nothing waits on the bus.
+        read_to_s : float, optional
+            What came up to then has been read: when this frame came, whatever it is. None where
+            the interface does not tell.
 
         Returns
         -------
         tuple of Step
             Of the frame itself first.
         """
-        if arrival is not None:
-            # Not before: until a frame is judged, commands are as old as the one before it.
-            self._heard_s = arrival.read_s
+        counter = self.core.assembler.counter
         steps = [NOTHING if frame is None else self._frame(frame, arrival, now_s)]
         if arrival is not None:
+            self._heard_s = arrival.read_s
+            if self.core.assembler.counter != counter:
+                # One that says the same again, or comes from afar, makes no command younger.
+                self._advanced_s = arrival.read_s
             steps.append(self.core.waited(arrival.waited_s))
             steps.append(self.core.paced(arrival.read_s - arrival.waited_s))
-        steps.append(self._silence(now_s, idle=idle))
+        steps.append(self._silence(frame, now_s if idle else read_to_s, now_s))
         # What is wrong with the bus is news after an error frame, which is no message, after
         # sending or failing to, and once a cycle in any case.
         if idle or arrival is not None or self._link.tried:
@@ -134,15 +145,19 @@ class BridgeTurns:
             self._foreign_s = now_s
         return step
 
-    def _silence(self, now_s: float, *, idle: bool) -> Step:
-        """What follows from how long the device said nothing.
+    def _silence(self, frame: Frame | None, read_to_s: float | None, now_s: float) -> Step:
+        """What follows from how long the device began no new cycle.
 
-        After a stall of this process what the device said meanwhile waits to be read first.
+        After a stall of this process what the device said meanwhile waits to be read first: up to
+        when the bus has been read is told by when the frame at hand came, or by a bus without one.
         """
-        silence_s = now_s - self._heard_s
-        if not idle and silence_s < LONGEST_SILENCE_S:
-            return NOTHING
-        return self.core.silence(silence_s)
+        silence_s = now_s - self._advanced_s
+        if silence_s < LONGEST_SILENCE_S:
+            if read_to_s is None:
+                return NOTHING
+            silence_s = read_to_s - self._advanced_s
+        others = frame is not None and frame.role == "cycle"
+        return self.core.silence(silence_s, others=others)
 
     def _bus(self) -> list[Step]:
         """What follows from the state of the bus."""
@@ -169,7 +184,7 @@ class BridgeTurns:
         tuple of Step
             Of the command itself first.
         """
-        step = self.core.command(stamp_ns, names, voltages, number, now_s - self._heard_s)
+        step = self.core.command(stamp_ns, names, voltages, number, now_s - self._advanced_s)
         return (step, *self._bus())
 
     # -- what is due

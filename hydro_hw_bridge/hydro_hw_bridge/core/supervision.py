@@ -13,6 +13,7 @@ from hydro_hw_bridge.gate.permissives import EMERGENCY_STOP, Inputs
 from hydro_hw_bridge.monitoring.period_watch import PeriodWatch
 from hydro_hw_bridge.monitoring.plausibility import ReadingsWatch
 from hydro_hw_bridge.protocol.codec import Codec
+from hydro_hw_bridge.protocol.e2e import ALIVE_MASK
 from hydro_hw_bridge.protocol.frames import Frame, Readings, Status
 
 SUPPLY = "supply"
@@ -55,12 +56,12 @@ class Supervision:
         self._period = PeriodWatch(gate.limits.period_s)
         self._standing_still = 0
         self._supply_pa: float | None = None
-        self._quiet = self._behind = False
+        self._quiet = self._behind = self._pressed = False
 
     @property
     def outdated(self) -> bool:
         """What was heard of the device last is older than a command may be."""
-        return self._quiet or self._behind
+        return self._quiet or self._behind or self._stands_still
 
     # -- frames and cycles of the device
 
@@ -82,34 +83,49 @@ class Supervision:
         """
         self._gate.trip(f"two different frames {frame.name} of one cycle: a second device?")
 
-    def sync(self, sync: Frame, counter: int, *, active: bool) -> None:
+    def sync(self, sync: Frame, counter: int, *, advanced: bool, active: bool) -> None:
         """The permissives act at once, whether or not the rest of the cycle comes.
+
+        Of a frame from afar, which may be late or noise, nothing is taken but an emergency stop,
+        and that where the next sync frame says it, too: a counter that runs wild is no reason not
+        to see it.
 
         Parameters
         ----------
         sync : Frame
         counter : int
             Sample counter of the newest cycle.
+        advanced : bool
+            This frame began it.
         active : bool
         """
-        if not sync.intact or self._codec.sample_counter(sync) != counter:
+        if not sync.intact:
             return
-        self._quiet = False
-        if self._supply_pa is not None:
-            self._check(self._codec.status(sync), self._supply_pa, active=active)
+        own = self._codec.sample_counter(sync)
+        if sync.alive not in (None, own & ALIVE_MASK):
+            return
+        if advanced:
+            self._standing_still, self._quiet = 0, False
+        else:
+            self._count_standing()
+        status = self._codec.status(sync)
+        before, self._pressed = self._pressed, not status.emergency_stop_ok
+        if own == counter or (before and self._pressed):
+            self._check(status, active=active)
 
-    def repeated(self) -> None:
-        """In real time no cycle is sent again: ages cannot be told by a counter that stands."""
+    def _count_standing(self) -> None:
+        """In real time no cycle is begun again: ages cannot be told by a counter that stands."""
         if self._lockstep:
             return
         self._standing_still += 1
-        if (
-            self._standing_still > self._gate.limits.max_age_cycles
-            and self._gate.state is GateState.DRIVING
-        ):
+        if self._stands_still and self._gate.state is GateState.DRIVING:
             self._gate.trip(
                 f"the device's sample counter stood still for {self._standing_still} cycles"
             )
+
+    @property
+    def _stands_still(self) -> bool:
+        return self._standing_still > self._gate.limits.max_age_cycles
 
     def cycle(
         self, readings: Readings, counter: int, on_wire_v: tuple[float, ...], *, active: bool
@@ -125,9 +141,8 @@ class Supervision:
             V per valve.
         active : bool
         """
-        self._standing_still = 0
         self._supply_pa = self._supply(readings)
-        self._check(readings.status, self._supply_pa, active=active)
+        self._check(readings.status, active=active)
         found = self.watch.look(readings, counter, on_wire_v)
         if found.passing and active:
             self._gate.trip(found.passing)
@@ -150,11 +165,12 @@ class Supervision:
         names = self._codec.pressure_names
         return readings.pressures_pa[names.index(SUPPLY)] if SUPPLY in names else math.nan
 
-    def _check(self, status: Status, supply_pa: float, *, active: bool) -> None:
-        inputs = self._inputs(status, supply_pa)
-        self._gate.check(inputs)
-        if active and not inputs.emergency_stop_ok:
-            # Whoever presses it while nothing is driven yet does not want what comes next.
+    def _check(self, status: Status, *, active: bool) -> None:
+        if self._supply_pa is not None:
+            self._gate.check(self._inputs(status, self._supply_pa))
+        if active and not status.emergency_stop_ok:
+            # Whoever presses it while nothing is driven yet does not want what comes next, nor
+            # does he wait for a first cycle that is whole.
             self._gate.trip(EMERGENCY_STOP)
 
     def _inputs(self, status: Status, supply_pa: float) -> Inputs:
@@ -176,8 +192,8 @@ class Supervision:
 
     # -- wall time
 
-    def silence(self, elapsed_s: float) -> None:
-        """The device sent nothing for a while of wall time.
+    def silence(self, elapsed_s: float, *, others: bool = False) -> None:
+        """The device began no new cycle for a while of wall time.
 
         In lockstep that is its right; in real time it ends driving as soon as the newest command
         is as old as one may be, and what was heard before begins none.
@@ -185,11 +201,18 @@ class Supervision:
         Parameters
         ----------
         elapsed_s : float
+        others : bool, optional
+            Other frames of the device come.
         """
-        self._quiet = self.too_long(elapsed_s)
+        # Until a sync frame begins the next cycle: what waits to be read may say less.
+        self._quiet = self._quiet or self.too_long(elapsed_s)
         if self._quiet and self._gate.state is GateState.DRIVING:
-            most_s = self._gate.limits.max_age_s
-            self._gate.trip(f"nothing from the device for {1e3 * most_s:.0f} ms")
+            most_ms = f"{1e3 * self._gate.limits.max_age_s:.0f} ms"
+            if self._standing_still:
+                self._gate.trip(f"the device's sample counter did not go on for {most_ms}")
+            else:
+                what = "no sync frame" if others else "nothing"
+                self._gate.trip(f"{what} from the device for {most_ms}")
 
     def too_long(self, elapsed_s: float) -> bool:
         """Whether so much wall time makes a command too old: in lockstep none does.

@@ -229,16 +229,21 @@ class BridgeLoops:
             message = bus.receive(RECEIVE_TIMEOUT_S)
             if not running.is_set():
                 break  # whoever runs by now reads for himself
+            # First: a stall from here on makes a frame look older, not the bus read further.
             begin_ns = time.monotonic_ns()
-            frame = None if message is None else codec.receive(message)
-            arrival = None
-            if message is not None and tells_time(frame):
-                waited_s = bus.waited_s(message)
-                ros_ns = self._clock.now().nanoseconds - round(1e9 * waited_s)
-                arrival = Arrival(time.monotonic(), waited_s, ros_ns)
+            read_s = 1e-9 * begin_ns
+            frame, arrival, read_to_s = None, None, None
+            if message is not None:
+                frame, waited_s = codec.receive(message), bus.waited_s(message)
+                read_to_s = read_s - waited_s if bus.tells_waiting else None
+                if tells_time(frame):
+                    ros_ns = self._clock.now().nanoseconds - round(1e9 * waited_s)
+                    arrival = Arrival(read_s, waited_s, ros_ns)
             idle = message is None
             with self._lock:
-                steps = self._turns.received(frame, arrival, time.monotonic(), idle=idle)
+                steps = self._turns.received(
+                    frame, arrival, time.monotonic(), idle=idle, read_to_s=read_to_s
+                )
             sample = steps[0].sample
             self.times.arrived(sample, begin_ns)
             self._publish(*steps)

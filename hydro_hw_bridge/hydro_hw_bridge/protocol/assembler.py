@@ -66,6 +66,8 @@ class CycleCounters:
         Cycles with two different frames of one name, of which one is not the device's.
     held : int
         Whole cycles that were given out as the next began, as somebody else was heard.
+    begun_again : int
+        Sync frames that came once more under the present sample counter.
     """
 
     complete: int = 0
@@ -78,6 +80,7 @@ class CycleCounters:
     duplicates: int = 0
     contradicted: int = 0
     held: int = 0
+    begun_again: int = 0
 
 
 class Assembler:
@@ -234,6 +237,7 @@ class Assembler:
             self._begin(counter, CycleKind.NEW)
         else:
             # Begun, and begun again before it was whole; a sync frame that came twice is no try.
+            self.counters.begun_again += 1
             self.counters.incomplete += not self._emitted and len(self._seen) > 1
             self._seen, self._spoilt = set(), set()
             self._open, self._first_try = True, False

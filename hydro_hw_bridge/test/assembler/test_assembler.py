@@ -110,7 +110,7 @@ def test_a_repeated_cycle_is_accepted_once_and_counted(
     again = feed(assembler, frames(5)) + feed(assembler, frames(5))
     assert [c.kind for c in first + again] == [CycleKind.NEW, CycleKind.REPEAT, CycleKind.REPEAT]
     assert again[0].data == first[0].data
-    assert assembler.counters == CycleCounters(complete=1, repeated=2)
+    assert assembler.counters == CycleCounters(complete=1, repeated=2, begun_again=2)
     assert feed(assembler, frames(6))[0].kind is CycleKind.NEW
     assert_unmixed(codec, again[0])
 
@@ -123,7 +123,7 @@ def test_a_cycle_of_which_a_frame_is_not_sent_again_is_not_repeated(
     part = frames(5)
     del part[missing]
     assert feed(assembler, part) == []
-    assert assembler.counters == CycleCounters(complete=1)
+    assert assembler.counters == CycleCounters(complete=1, begun_again=1)
 
 
 @pytest.mark.parametrize("heard", [1, 3, 5])
@@ -200,7 +200,9 @@ def test_two_tries_make_one_sample(assembler: Assembler, frames: Frames, heard: 
     assert feed(assembler, part[:heard]) == []
     cycles = feed(assembler, [part[0], *part[heard:], *part[1:heard]])
     assert [c.kind for c in cycles] == [CycleKind.NEW]
-    assert assembler.counters == CycleCounters(complete=1, incomplete=1, duplicates=heard - 1)
+    assert assembler.counters == CycleCounters(
+        complete=1, incomplete=1, duplicates=heard - 1, begun_again=1
+    )
 
 
 def test_a_sync_frame_that_came_twice_is_no_second_try(
@@ -208,7 +210,7 @@ def test_a_sync_frame_that_came_twice_is_no_second_try(
 ) -> None:
     part = frames(5)
     assert len(feed(assembler, [part[0], *part])) == 1
-    assert assembler.counters == CycleCounters(complete=1)
+    assert assembler.counters == CycleCounters(complete=1, begun_again=1)
 
 
 def test_a_frame_twice_is_a_duplicate(assembler: Assembler, frames: Frames) -> None:
