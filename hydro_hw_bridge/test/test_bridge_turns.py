@@ -208,6 +208,30 @@ def test_sync_frames_that_begin_no_cycle_end_no_silence(turned: Turned, kind: st
     assert turned.gate.reason == "the device's sample counter did not go on for 10 ms"
 
 
+def test_a_device_that_speaks_and_has_no_whole_cycle_lacks_something(turned: Turned) -> None:
+    def lacking(counter: int) -> bool:
+        """After a cycle without encoders."""
+        turned.now_s += 0.5
+        frames = turned.bench.codec.encode_cycle(turned.bench.readings(counter))
+        for frame in (frames[0], *frames[2:]):
+            turned.take(frame)
+        return turned.turns.lacking(turned.now_s)
+
+    turned.now_s += 60.0  # nothing was said: nothing was lacking
+    assert not turned.turns.lacking(turned.now_s)
+    assert [lacking(counter) for counter in range(1, 8)] == [False] * 6 + [True]
+    turned.cycle(8)
+    assert not turned.turns.lacking(turned.now_s)
+    assert [lacking(counter) for counter in range(9, 15)] == [False] * 5 + [True]
+    turned.cycle(15)
+    turned.cycle(15)  # sent again is whole, too
+    assert not turned.turns.lacking(turned.now_s + SILENT_S)
+    turned.now_s += 2.0
+    turned.cycle(15)
+    turned.now_s += 2.0
+    assert not lacking(16)
+
+
 def test_times_are_held_to_and_not_fallen_short_of(turned: Turned) -> None:
     """At the very limit: silence is told, and others are not gone yet."""
     turned.now_s = -PERIOD_S

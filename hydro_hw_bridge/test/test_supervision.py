@@ -92,7 +92,8 @@ def test_without_samples_driving_ends(real_time: Any) -> None:
     real_time.drive()
     for counter in range(2, 9):
         real_time.without(counter, 3)
-    assert "no command for 12 ms" in real_time.core.gate.reason
+    said = "no whole cycle for 12 ms, missing PRESSURES_2 (limit 10 ms)"
+    assert real_time.core.gate.reason == said
 
 
 def test_two_different_frames_of_one_cycle_end_driving(real_time: Any) -> None:

@@ -195,7 +195,7 @@ class BridgeCore:
             whole = None if self.sample is None else self.sample.counter
             unfinished = self._begun is not None and self._begun != whole
             self._begun = self.clock.extend(counter)
-            self.gate.advance(self._begun)
+            self.gate.advance(self._begun, whole, self.assembler.missing)
         if counters.contradicted != contradicted and self.active:
             self._supervision.contradicted(frame)
         if frame.role == "sync":

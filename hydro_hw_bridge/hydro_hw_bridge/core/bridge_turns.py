@@ -71,7 +71,7 @@ class BridgeTurns:
     def __init__(self, core: BridgeCore, link: CommandLink, claim: Claim, now_s: float) -> None:
         self.core = core
         self._link, self._claim = link, claim
-        self._heard_s = self._advanced_s = self._foreign_s = now_s
+        self._heard_s = self._advanced_s = self._whole_s = self._foreign_s = now_s
 
     def begin(self, core: BridgeCore) -> None:
         """A new core, which takes over what must outlive the one before.
@@ -114,13 +114,18 @@ class BridgeTurns:
         tuple of Step
             Of the frame itself first.
         """
-        counter = self.core.assembler.counter
+        counter, whole = self.core.assembler.counter, self.core.assembler.whole
         steps = [NOTHING if frame is None else self._frame(frame, arrival, now_s)]
         if arrival is not None:
+            if self.silent(arrival.read_s):
+                self._whole_s = arrival.read_s  # nothing was lacking while nothing was said
             self._heard_s = arrival.read_s
             if self.core.assembler.counter != counter:
                 # One that says the same again, or comes from afar, makes no command younger.
                 self._advanced_s = arrival.read_s
+        if self.core.assembler.whole != whole:
+            self._whole_s = now_s
+        if arrival is not None:
             steps.append(self.core.waited(arrival.waited_s))
             steps.append(self.core.paced(arrival.read_s - arrival.waited_s))
         steps.append(self._silence(frame, now_s if idle else read_to_s, now_s))
@@ -209,6 +214,15 @@ class BridgeTurns:
         now_s : float
         """
         return now_s - self._heard_s > SILENT_S
+
+    def lacking(self, now_s: float) -> bool:
+        """Whether the device speaks, and for as long no cycle of it was whole.
+
+        Parameters
+        ----------
+        now_s : float
+        """
+        return not self.silent(now_s) and now_s - self._whole_s > SILENT_S
 
     @property
     def waits(self) -> bool:

@@ -179,19 +179,31 @@ class Gate:
             return ""
         return self._defect
 
-    def advance(self, counter: int) -> None:
+    def advance(self, counter: int, whole: int | None = None, missing: Sequence[str] = ()) -> None:
         """A cycle of the device began: time went on.
 
         Parameters
         ----------
         counter : int
             Its sample counter.
+        whole : int, optional
+            That of the newest cycle that was whole, where it is known.
+        missing : sequence of str, optional
+            Frames that the cycle before lacked.
         """
         self._newest = counter
         if self.state is GateState.DRIVING:
             age = counter - self._accepted
             if age > self.limits.max_age_cycles:
-                self.trip(f"no command for {self._milliseconds(age)} ({self._age_limit()})")
+                starved = None if whole is None else counter - whole
+                self.trip(self._too_old(age, starved, missing))
+
+    def _too_old(self, age: int, starved: int | None, missing: Sequence[str]) -> str:
+        """No command came, or none could: there was nothing that one could answer."""
+        if starved is None or starved < self.limits.max_age_cycles:
+            return f"no command for {self._milliseconds(age)} ({self._age_limit()})"
+        lacking = f", missing {', '.join(missing)}" if missing else ""
+        return f"no whole cycle for {self._milliseconds(starved)}{lacking} ({self._age_limit()})"
 
     def check(self, inputs: Inputs) -> None:
         """Hold the machine's inputs of a complete cycle against the permissives.

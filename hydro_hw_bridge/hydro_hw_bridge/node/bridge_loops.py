@@ -208,8 +208,10 @@ class BridgeLoops:
         # Asked first, and whether it waits or not: the middleware's answer may take its time.
         missing = [] if topics is None else topics.matched(required)
         with self._lock:
-            silent = bool(self._threads) and self._turns.silent(time.monotonic())
-            level, text = bridge_report.summary(self.core, missing, silent=silent)
+            running, now_s = bool(self._threads), time.monotonic()
+            silent = running and self._turns.silent(now_s)
+            lacking = running and self._turns.lacking(now_s)
+            level, text = bridge_report.summary(self.core, missing, silent=silent, lacking=lacking)
             values = bridge_report.values(self.core, self._parts.bus, names)
         values["unreadable_commands"] = self._hot.unreadable
         return level, text, values | self.times.values() | self._parts.real_time.values()

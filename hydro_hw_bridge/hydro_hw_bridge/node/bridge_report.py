@@ -6,6 +6,7 @@ from dataclasses import asdict
 
 from hydro_hw_bridge.bus.bus import Bus
 from hydro_hw_bridge.core.bridge_core import BridgeCore
+from hydro_hw_bridge.core.bridge_turns import SILENT_S
 from hydro_hw_bridge.gate.gate import GateState
 from hydro_hw_bridge.protocol.mapping import STATUS_NAMES
 from hydro_msgs_docs.topics import IDLE, WAITING
@@ -13,7 +14,9 @@ from hydro_msgs_docs.topics import IDLE, WAITING
 OK, WARN, ERROR = "ok", "warn", "error"
 
 
-def summary(core: BridgeCore, waiting_for: list[str], *, silent: bool) -> tuple[str, str]:
+def summary(
+    core: BridgeCore, waiting_for: list[str], *, silent: bool, lacking: bool = False
+) -> tuple[str, str]:
     """Level and one line.
 
     Parameters
@@ -23,6 +26,8 @@ def summary(core: BridgeCore, waiting_for: list[str], *, silent: bool) -> tuple[
         Topics that lack subscribers.
     silent : bool
         The device sent nothing for longer than it should.
+    lacking : bool, optional
+        It speaks, and no cycle was whole for as long.
 
     Returns
     -------
@@ -36,6 +41,8 @@ def summary(core: BridgeCore, waiting_for: list[str], *, silent: bool) -> tuple[
         return ERROR, next(iter(gate.faults.values()))
     if silent and not core.lockstep:
         return ERROR, "nothing from the device"
+    if lacking:
+        return ERROR, f"no whole cycle for {SILENT_S:g} s{_missing(core.assembler.missing)}"
     if not core.active:
         # In lockstep the machine stands still until it is answered, and may be silent.
         return (WARN, f"{IDLE[0]}: no device") if silent else (OK, f"{IDLE[0]}: reading")
@@ -48,6 +55,12 @@ def summary(core: BridgeCore, waiting_for: list[str], *, silent: bool) -> tuple[
     if gate.state is GateState.WAITING:
         return WARN, f"{WAITING}a first command"
     return OK, "driving"
+
+
+def _missing(frames: tuple[str, ...]) -> str:
+    if not frames:
+        return ""
+    return f": frame{'s' if len(frames) > 1 else ''} {', '.join(frames)} missing"
 
 
 def values(core: BridgeCore, bus: Bus, names: dict[str, str]) -> dict[str, object]:

@@ -105,6 +105,8 @@ class Assembler:
     counters : CycleCounters
     counter : int or None
         Of the present cycle, complete or not.
+    missing : tuple of str
+        Frames that the last cycle before it lacked; empty since one was whole.
     """
 
     def __init__(
@@ -115,7 +117,8 @@ class Assembler:
     ) -> None:
         self.counters = CycleCounters()
         self.counter: int | None = None
-        self._size = len(frames)
+        self.missing: tuple[str, ...] = ()
+        self._names, self._size = tuple(frames), len(frames)
         self._sample_counter = sample_counter
         self._kind = CycleKind.NEW
         self._data: dict[str, bytes] = {}
@@ -130,6 +133,11 @@ class Assembler:
         self._open = False
         self._first_try = True
         self._leapt: int | None = None
+
+    @property
+    def whole(self) -> int:
+        """Cycles that were whole so far, those sent again included."""
+        return self.counters.complete + self.counters.repeated
 
     def add(self, frame: Frame) -> Cycle | None:
         """Take one frame of role sync or cycle.
@@ -210,7 +218,7 @@ class Assembler:
             self.counters.repeated += 1
         else:
             self.counters.complete += 1
-        self._emitted = True
+        self._emitted, self.missing = True, ()
         # Two tries together may have made it whole: the rest of the second is no repeat.
         self._seen = set(self._data)
         return Cycle(self.counter or 0, kind, self._data)
@@ -232,17 +240,29 @@ class Assembler:
             self._begin(counter, CycleKind.RESTART)
         elif ahead or self.counter is None:
             self.counters.lost += max(ahead - 1, 0)
+            if ahead > 1:
+                self.missing = self._names[:1]
+            elif not self._emitted:
+                self._lacks()
             if ahead == 1 and self._idle and not self._spoilt_sync:
                 self._wary = self._longest
             self._begin(counter, CycleKind.NEW)
         else:
             # Begun, and begun again before it was whole; a sync frame that came twice is no try.
             self.counters.begun_again += 1
+            if len(self._seen) > 1 or not self.missing:  # else no try, which says nothing new
+                self._lacks()
             self.counters.incomplete += not self._emitted and len(self._seen) > 1
             self._seen, self._spoilt = set(), set()
             self._open, self._first_try = True, False
         self._take(frame)
         return self._emit() if self._is_whole() else held
+
+    def _lacks(self) -> None:
+        """What kept the last try from being whole; of a contradicted one nothing is left."""
+        there = self._seen if self._emitted else set(self._data)
+        if there:
+            self.missing = tuple(name for name in self._names if name not in there)
 
     def _is_sure(self, counter: int) -> bool:
         """One sync frame far from the present came late or is noise; two in a row are not.

@@ -159,6 +159,26 @@ def test_reasons_give_the_numbers(waiting: Make, driving: Make) -> None:
         assert gate.reason == said
 
 
+@pytest.mark.parametrize(
+    ("whole", "missing", "said"),
+    [
+        (None, ("ENCODERS",), "no command for 12 ms (limit 10 ms)"),
+        (105, ("ENCODERS",), "no command for 12 ms (limit 10 ms)"),
+        (102, ("ENCODERS",), "no command for 12 ms (limit 10 ms)"),
+        (101, (), "no whole cycle for 10 ms (limit 10 ms)"),
+        (100, ("A", "B"), "no whole cycle for 12 ms, missing A, B (limit 10 ms)"),
+    ],
+)
+def test_where_there_was_nothing_to_answer_that_is_the_reason(
+    driving: Make, whole: int | None, missing: tuple[str, ...], said: str
+) -> None:
+    gate = driving()
+    gate.advance(105, whole, missing)
+    assert gate.reason == ""
+    gate.advance(106, whole, missing)
+    assert gate.reason == said
+
+
 def test_the_greatest_age_in_seconds() -> None:
     assert LIMITS.max_age_s == 0.010
 
