@@ -228,8 +228,16 @@ def test_a_silent_controller_is_answered_by_the_gate(trial: Trial) -> None:
     assert outcome.reason == "no command for 12 ms (limit 10 ms)"
 
 
-def test_a_sample_counter_that_stands_still_stops_in_real_time(trial: Trial) -> None:
-    outcome = trial.run(Injection("bus", BusFault("frozen", AT, 40), AGE + 1, Named()), 6)
+@pytest.mark.parametrize(
+    ("kind", "alone", "stop"),
+    [("frozen", False, AGE + 1), ("frozen", True, AGE + 1), ("wild", True, AGE)],
+)
+def test_a_sample_counter_that_stands_still_stops_in_real_time(
+    trial: Trial, kind: str, alone: bool, stop: int
+) -> None:
+    """Of all frames, or of the sync frame alone while the others go on; so does a wild one."""
+    fault = BusFault(kind, AT, 40, frames=trial.codec.device_ids[:1] if alone else ())
+    outcome = trial.run(Injection("bus", fault, stop, Named()), 6)
     kept(outcome)
     assert "sample counter stood still" in outcome.reason
 

@@ -9,7 +9,7 @@ from hydro_hw_bridge.faults.timed import Timed
 DEVICE, BRIDGE = "device", "bridge"
 
 #: Frames with other contents under valid checks: what a broken sensor or counter sends.
-CONTENT = ("frozen", "frozen_alive", "stuck", "jump", "extreme", "clock_bit")
+CONTENT = ("frozen", "frozen_alive", "wild", "stuck", "jump", "extreme", "clock_bit")
 #: Frames that do not arrive as they were sent, and those of others. Noise passes a check by chance
 #: alone; a foreign sender knows counter and CRC: nothing tells its frames from the machine's.
 TRANSPORT = (

@@ -14,6 +14,7 @@ kind : str, optional
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, LINK, BusFault
 from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, STARVED, STUCK, WATCHDOG, Injection
@@ -26,13 +27,18 @@ from hydro_hw_bridge.protocol.codec import Codec
 ALIVE_SPAN = 16
 #: A pressure that is the same for so many cycles is named.
 STILL = 1000
-TOO_OLD, NOTHING_HEARD = "no command for", "nothing from the device for 10 ms"
+TOO_OLD, NO_WHOLE = "no command for", "no whole cycle for"
+NOTHING_HEARD = "nothing from the device for 10 ms"
+NO_SYNC = "no sync frame from the device for 10 ms"
+#: Without whole cycles there are no commands: which of the two is older by a cycle is the
+#: controller's doing.
+STARVING = f"{NO_WHOLE}|{TOO_OLD}"
 #: What may happen to valve frames on their way.
 ANSWERS = ("lost", "late", "repeated", "bit_flip", "truncated", "frozen", "babble")
 #: Cycles until the bridge has answered valve frames that it heard: those of the cycle after.
 HEARD = 2
-EITHER = f"{NOTHING_HEARD}|{TOO_OLD}"
-UNSENT = "valve frames cannot be sent"
+EITHER = f"{NOTHING_HEARD}|{NO_SYNC}|{STARVING}"
+UNSENT, STANDS = "valve frames cannot be sent", "sample counter stood still"
 TWO_FRAMES = "two different frames"
 AGAIN = Named(("cycles_repeated",))
 #: In lockstep nothing arrives: the machine's time stands still meanwhile.
@@ -43,7 +49,7 @@ def lost(source: random.Random, codec: Codec, at: int) -> Injection:
     """One of the machine's frames does not arrive."""
     cycles = source.choice((1, 2, 4, 7, 12, 40))
     frame = source.choice(codec.device_ids)
-    words = EITHER if frame == codec.device_ids[0] else TOO_OLD
+    words = EITHER if frame == codec.device_ids[0] else STARVING
     limit, says = (AGE, words) if cycles >= STARVED else (None, "")
     shows = ("cycles_lost", "cycles_incomplete", "cycles_out_of_order")
     fault = BusFault("lost", at, cycles, DEVICE, (frame,))
@@ -61,7 +67,7 @@ def late(source: random.Random, codec: Codec, at: int) -> Injection:
     fault = BusFault("late", at, cycles, DEVICE, frames, amount=amount)
     shows = ("cycles_out_of_order", "cycles_lost", "cycles_incomplete")
     with_sync = not frames or frames[0] == codec.device_ids[0]
-    words = EITHER if with_sync else TOO_OLD
+    words = EITHER if with_sync else STARVING
     without = _without_samples(fault, codec)
     named, limit, border = Named(shows), None, ""
     if without >= STARVED:
@@ -108,9 +114,9 @@ def split(source: random.Random, codec: Codec, at: int) -> Injection:
     cycles = source.randint(1, 10)
     fault = BusFault("split", at, cycles, amount=stay)
     starved = cycles >= STARVED
-    named = Named(("cycles_incomplete",), TOO_OLD if starved else "")
+    named = Named(("cycles_incomplete",), STARVING if starved else "")
     again = Named((*AGAIN.shows, "cycles_out_of_order", "cycles_duplicates"))
-    border = TOO_OLD if cycles == STARVED - 1 else ""
+    border = STARVING if cycles == STARVED - 1 else ""
     limit = AGE if starved else None
     return Injection("bus", fault, limit, named, again, may_trip_late=border)
 
@@ -121,7 +127,7 @@ def repeated(source: random.Random, codec: Codec, at: int) -> Injection:
     fault = BusFault("repeated", at, 6, DEVICE, (frame,), amount=source.randint(1, 5))
     named = Named(("cycles_duplicates", "cycles_repeated", "cycles_out_of_order"))
     if frame == codec.device_ids[0]:
-        named = Named(silent="the machine's sync frame repeated")
+        named = Named(("cycles_begun_again",))
     return Injection("bus", fault, None, named)
 
 
@@ -131,7 +137,7 @@ def reordered(source: random.Random, codec: Codec, at: int) -> Injection:
     shows = ("cycles_out_of_order", "cycles_incomplete")
     again = Named((*shows, *AGAIN.shows, "cycles_duplicates"))
     # A quarter of its cycles is whole: that none of five is, is left to chance.
-    return Injection("bus", fault, None, Named(shows), again, may_trip=TOO_OLD)
+    return Injection("bus", fault, None, Named(shows), again, may_trip=STARVING)
 
 
 def corrupt(source: random.Random, codec: Codec, at: int) -> Injection:
@@ -145,18 +151,28 @@ def corrupt(source: random.Random, codec: Codec, at: int) -> Injection:
 
 
 def counters(source: random.Random, codec: Codec, at: int) -> Injection:
-    """The machine's counters stand still: all of a cycle, or one frame's alive counter."""
+    """The machine's counters stand still or run wild.
+
+    Still stands all of a cycle, its sync frame alone, or one frame's alive counter.
+    """
     cycles = source.choice((3, 8, 40))
     # In the first of its cycles the counter is still the right one.
     limit = AGE + 1 if cycles > AGE + 1 else None
-    if source.random() < 0.5:
-        says = "sample counter stood still" if limit else ""
-        named = Named(("cycles_repeated", "cycles_duplicates"), says)
+    kind = source.choice(("frozen", "frozen sync", "wild", "frozen_alive"))
+    if kind == "frozen_alive":
+        frame = (source.choice(codec.device_ids[1:]),)
+        shows = ("cycles_out_of_order", "cycles_corrupt")
+        fault = BusFault("frozen_alive", at, cycles, DEVICE, frame)
+        named = Named(shows, STARVING if limit else "")
+        return Injection("bus", fault, limit, named, Named(shows))
+    if kind == "frozen":
+        named = Named(("cycles_repeated", "cycles_duplicates"), STANDS if limit else "")
         return Injection("bus", BusFault("frozen", at, cycles), limit, named, AGAIN)
-    frame = (source.choice(codec.device_ids[1:]),)
-    shows = ("cycles_out_of_order", "cycles_corrupt")
-    fault = BusFault("frozen_alive", at, cycles, DEVICE, frame)
-    return Injection("bus", fault, limit, Named(shows, TOO_OLD if limit else ""), Named(shows))
+    if kind == "wild":  # from the first of its cycles on
+        limit = AGE if cycles > AGE else None
+    fault = BusFault(kind.partition(" ")[0], at, cycles, DEVICE, codec.device_ids[:1])
+    shown = Named(("cycles_begun_again", "cycles_out_of_order", "cycles_incomplete"))
+    return Injection("bus", fault, limit, replace(shown, says=STANDS if limit else ""), shown)
 
 
 def sensor(source: random.Random, codec: Codec, at: int) -> Injection:

@@ -9,6 +9,8 @@ from hydro_hw_bridge.protocol.codec import Codec
 from hydro_hw_bridge.protocol.e2e import alive_counter, protect
 
 LOCKSTEP_BIT = "lockstep"
+#: Times this, modulo 2^32, no two sample counters in a row are near each other (Knuth's hash).
+_WILD = 2_654_435_761
 
 
 class Contents:
@@ -45,6 +47,8 @@ class Contents:
         if fault.kind == "frozen_alive":
             return self._protected(message, data, alive_counter(first))
         name = fault.signal
+        if fault.kind == "wild":
+            name = self._codec.mapping.counter
         if fault.kind == "clock_bit":
             name = self._codec.mapping.status[LOCKSTEP_BIT]
         signal = self._codec.layout.signals.get(name)
@@ -57,12 +61,15 @@ class Contents:
             raw = min(max(raw + fault.amount, signal.low), signal.high)
         elif fault.kind == "extreme":
             raw = signal.high if fault.amount else signal.low
+        elif fault.kind == "wild":
+            raw = raw * _WILD & signal.high
         else:
             raw = 1 - raw
         empty = int.from_bytes(data, "little") & ~signal.bits()
         data[:] = empty.to_bytes(len(data), "little")
         signal.pack(raw, data)
-        return self._protected(message, data, alive_counter(data))
+        alive = raw if fault.kind == "wild" else alive_counter(data)
+        return self._protected(message, data, alive)
 
     def _protected(self, message: can.Message, data: bytearray, alive: int) -> can.Message:
         identifiers = self._frames[message.arbitration_id].identifiers

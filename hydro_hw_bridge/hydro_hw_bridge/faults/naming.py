@@ -16,9 +16,6 @@ SILENT: dict[str, str] = {
     "valve frames late, and still in time": (
         "the amplifiers take commands up to 10 ms old, as promised: that is no fault yet"
     ),
-    "the machine's sync frame repeated": (
-        "nothing came between the two: the same cycle is opened twice, and none is the worse"
-    ),
     "commands late, and still in time": "up to 10 ms a command may be old: that is no fault yet",
     "no commands for less than 10 ms": (
         "up to 10 ms the last command holds: that is no fault yet; `answer_*` tells such times"

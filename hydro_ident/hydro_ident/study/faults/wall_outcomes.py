@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from hydro_hw_bridge.core.supervision import READ_LATE
-from hydro_hw_bridge.faults.bus_injections import NOTHING_HEARD, TOO_OLD
+from hydro_hw_bridge.faults.bus_injections import NO_SYNC, NO_WHOLE, NOTHING_HEARD, TOO_OLD
 from hydro_ident.study.faults.stage import Stage
 
 #: Reasons of trips that a stall of any process on the way makes.
-STALLS = (TOO_OLD, NOTHING_HEARD, READ_LATE, "the amplifiers' watchdog")
+STALLS = (TOO_OLD, NO_WHOLE, NOTHING_HEARD, NO_SYNC, READ_LATE, "the amplifiers' watchdog")
 
 
 @dataclass(frozen=True, slots=True)
