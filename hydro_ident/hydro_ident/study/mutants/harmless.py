@@ -110,13 +110,14 @@ def _bridge_core() -> Iterator[Harmless]:
 
 def _supervision() -> Iterator[Harmless]:
     private = "a private function, whose callers say what the word means"
-    for name, words, why in (
-        ("sync", "sync: Frame, counter: int", "the bridge's core says what the word means"),
-        ("paced", "counter: int, at_s: float", "the bridge's core says what the word means"),
-        ("_check", "status: Status, supply_pa: float", private),
-        ("_stands", "name: str, reason: str", private),
+    core = "the bridge's core says what the word means"
+    for name, words, more, why in (
+        ("sync", "sync: Frame, counter: int", "advanced: bool, ", core),
+        ("paced", "counter: int, at_s: float", "", core),
+        ("_check", "status: Status", "", private),
+        ("_stands", "name: str, reason: str", "", private),
     ):
-        head = f"def {name}(self, {words}, *, active: bool) -> None:"
+        head = f"def {name}(self, {words}, *, {more}active: bool) -> None:"
         where = f"Supervision.{name}"
         yield Harmless("supervision", where, head, head.replace("*", "/"), why)
 
@@ -189,14 +190,7 @@ def _held_voltages() -> Iterator[Harmless]:
 def _turns() -> Iterator[Harmless]:
     named = "every caller names the word, and one that does not is as right"
     for target, where, before in (
-        (
-            "bridge_turns", "BridgeTurns.received",
-            "self, frame: Frame | None, arrival: Arrival | None, now_s: float, *, idle: bool",
-        ),
-        (
-            "bridge_turns", "BridgeTurns._silence",
-            "def _silence(self, now_s: float, *, idle: bool) -> Step:",
-        ),
+        ("bridge_turns", "BridgeTurns.received", "*,"),
         ("winding_down", "WindingDown.answered", "def answered(self, *, zero: bool) -> None:"),
     ):  # fmt: skip
         yield Harmless(target, where, before, before.replace("*", "/"), named)

@@ -8,7 +8,10 @@ from pathlib import Path
 _TEST = "hydro_hw_bridge/test"
 _CORE = ("bridge_core", "supervision", "command_intake", "valve_frames")
 #: Tests of one of these beside those of all.
-_MORE = {"bridge_core": ("held_cycles",)}
+_MORE = {
+    "bridge_core": ("held_cycles", "standing_counter"),
+    "supervision": ("standing_counter",),
+}
 
 
 @dataclass(frozen=True, slots=True)
