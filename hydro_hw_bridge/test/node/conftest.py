@@ -153,6 +153,14 @@ class Processes:
             to = file if log is None else log
             self.started.append(_start(can_name, *parameters, log=to, code=code, **how))
 
+    def until_said(self, text: str) -> str:
+        """The log, once it has a text: a line comes a moment after what it is about."""
+        end = time.monotonic() + PATIENCE_S
+        while text not in (log := self.log.read_text(encoding="utf-8")):
+            assert time.monotonic() < end, log
+            time.sleep(0.02)
+        return log
+
     def wait(self, index: int) -> int:
         """Until a bridge has ended; its exit code."""
         return self.started[index].wait(PATIENCE_S)

@@ -40,4 +40,4 @@ def test_nor_is_one_that_comes_up_beside_another(ros: Any, processes: Any, can_n
     assert not ros.tried(CONFIGURE)
     other.destroy_node()
     ros.until(lambda: ros.tried(CONFIGURE))
-    assert "configure: 2 nodes are called /can_bridge" in processes.log.read_text(encoding="utf-8")
+    processes.until_said("configure: 2 nodes are called /can_bridge")

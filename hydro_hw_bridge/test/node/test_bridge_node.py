@@ -205,7 +205,7 @@ def test_a_calibration_that_lacks_a_reference_is_read_with_and_not_driven_with(
     ros.bring_up(processes, can_name, f"calibration:={file}")
     ros.first_sample(device, 0)
     assert not ros.tried(ACTIVATE)
-    log = processes.log.read_text(encoding="utf-8")
+    log = processes.until_said("activate: calibration first")
     for line in ("activate: calibration first", "not driven with calibration first"):
         assert f"{line}: expected an offset of every joint" in log
     assert "found no position_offset of tilt (--reference tilt=VALUE): measure it" in log
