@@ -71,3 +71,15 @@ def test_a_bag_without_a_cycle_is_left_out_beside_others(
     assert [text.partition(": left out: ")[0] for text in looked.left_out] == ["joints", "stamps"]
     # Where nothing is left, that is the problem, not a note.
     assert looked_at(robot, [bare], [whole]).left_out == ()
+
+
+@pytest.mark.needs("plotly")
+def test_pressures_of_too_short_a_bag_are_not_called_absent(
+    write_bag: Any, run_columns: Any, tmp_path: Path, capsys: Any
+) -> None:
+    """Nothing of one sample is left for the filters, but it is there."""
+    arguments = [str(write_bag(run_columns(1))), "--robot", "xs031"]
+    assert diagnose.run([*arguments, "--out", str(tmp_path / "out")]) == 1
+    said = capsys.readouterr().err
+    assert "too few rows in any channel" in said
+    assert "no chamber pressures" not in said

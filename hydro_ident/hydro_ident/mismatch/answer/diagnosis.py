@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from hydro_ident.bag.recording import Recording
 from hydro_ident.errors import IdentError, NotEnoughDataError
 from hydro_ident.identify.continuity import broken_up
@@ -58,7 +60,7 @@ from hydro_ident.mismatch.unnamed.unknown import Unexplained
 from hydro_ident.recordings.sources import KeptSource, Source, check_names, sources_of
 from hydro_ident.rollouts.free_run import FreeRun, free_run
 from hydro_model.command_line.terminal import advance
-from hydro_model.robot import Robot
+from hydro_model.robot import FloatArray, Robot
 
 
 def diagnose(
@@ -138,10 +140,16 @@ def _too_little(robot: Robot, surveys: Sequence[Survey]) -> str:
     if broken := broken_up([s.continuity for s in surveys], total):
         text = f"{text}; {broken}"
     wet = not by_torques(surveys)
-    lacking = [s.name for s in surveys if not (s.wet if wet else s.dry)]
+    # By the recordings themselves: of what is too short for the filters no stretch is left.
+    read = [(s.name, s.recording) for s in surveys]
+    lacking = [n for n, r in read if not _any_read(*((r.p_a, r.p_b) if wet else (r.effort,)))]
     if not lacking or (wet and not robot.cylinders):
         return text
     return f"{text}; no {'chamber pressures' if wet else 'joint torque'} in {', '.join(lacking)}"
+
+
+def _any_read(*columns: FloatArray | None) -> bool:
+    return any(values is not None and np.isfinite(values).any() for values in columns)
 
 
 def _diagnosed(

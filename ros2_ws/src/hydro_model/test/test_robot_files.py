@@ -139,6 +139,14 @@ def test_a_huge_file_is_not_parsed(tmp_path: Path) -> None:
     assert "larger than" in refused(path)
 
 
+def test_a_list_with_nothing_behind_its_key_is_empty(crane: Path) -> None:
+    def emptied(data: dict[str, Any]) -> None:
+        data |= dict.fromkeys(("cylinders", "valves", "effects", "joints"))
+
+    robot = load_robot(rewritten(crane, emptied))
+    assert (robot.cylinders, robot.valves, robot.effects) == ((), (), ())
+
+
 @pytest.mark.parametrize("key", ["cylinders", "fluid", "tip_link", "gravity_m_s2"])
 def test_an_alias_bomb_ends_at_once(crane: Path, key: str) -> None:
     """Aliases within aliases: 10^24 leaves if anything walked or printed them."""

@@ -248,8 +248,9 @@ class Fields:
         return None if self._data.get(key) is None else self.fields(key)
 
     def items(self, key: str) -> Iterator[Fields]:
-        """The mappings of a list; none where the key is absent."""
+        """The mappings of a list; none where the key is absent, or nothing stands behind it."""
         value = self._get(key, [], "a list")
+        value = [] if value is None else value
         if not isinstance(value, list):
             raise self._wrong(key, "a list", value)
         for index, item in enumerate(value):
