@@ -17,7 +17,7 @@ import pytest
 from hydro_ident.bag import stretches
 from hydro_ident.bag.diagnostics import Status
 from hydro_ident.bag.reader import read_bag
-from hydro_ident.bag.recording import recording_of
+from hydro_ident.bag.recording import read_recording, recording_of
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.commands.inspect import main, text_of
 from hydro_ident.inspecting.complaints import Complaints
@@ -272,6 +272,31 @@ def test_a_bag_that_names_no_robot_is_read_by_its_joints(
 def test_the_shipped_robot_whose_joints_they_are(names, expected) -> None:
     found = robot_of_joints(names)
     assert (found and found.name) == expected
+
+
+@pytest.mark.parametrize(
+    ("slow", "quick", "times"),
+    [
+        ("/chamber_pressures", "/joint_states", 2),
+        ("/joint_states", "/chamber_pressures", 3),
+        ("/valve_state", "", 2),
+    ],
+)
+def test_messages_that_make_no_cycle_are_told(
+    write_bag, run_columns, robot, slow, quick, times
+) -> None:
+    """Of joints at twice the rate of the pressures every other one, which was called healthy."""
+    columns = run_columns(N)
+    for values in columns[slow][1].values():
+        values[np.arange(N) % times > 0] = np.nan
+    path = write_bag(columns, metadata={"robot": "xs031"})
+    found = [(f.signal, f.text) for f in inspect_bag(path).findings if f.kind == "unused"]
+    told = (
+        f"only one message in {times} is used: with the others comes no {slow} of the same stamp"
+    )
+    assert found == ([(quick, told)] if quick else [])
+    notes = [note for note in read_recording(path, robot).notes if "is used" in note]
+    assert notes == ([f"{quick}: {told}"] if quick else [])
 
 
 def test_without_a_robot_the_topics_are_still_told(write_bag, run_columns, capsys) -> None:

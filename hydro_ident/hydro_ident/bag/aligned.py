@@ -178,6 +178,35 @@ def grid_of(topics: Mapping[str, Topic]) -> IntArray:
     return np.intersect1d(stamps, pressures, assume_unique=True)
 
 
+def unused_messages(periods_s: Mapping[str, float], period_s: float) -> dict[str, str]:
+    """In words, topics whose messages make no cycle but one in some, as the other comes slower.
+
+    Parameters
+    ----------
+    periods_s : mapping of str to float
+        Usual interval by topic.
+    period_s : float
+        That of the cycles.
+
+    Returns
+    -------
+    dict of str to str
+        By topic.
+    """
+    told = {}
+    for name, other in (
+        (JOINT_STATES, CHAMBER_PRESSURES),
+        (CHAMBER_PRESSURES, JOINT_STATES),
+    ):
+        times = round(period_s / periods_s[name]) if {name, other} <= periods_s.keys() else 1
+        if times > 1:
+            told[name] = (
+                f"only one message in {times} is used: with the others comes no {other} of the"
+                " same stamp"
+            )
+    return told
+
+
 def columns_of(grid: IntArray, topics: Mapping[str, Topic], robot: Robot) -> dict[str, Any]:
     """The columns of a `Recording` by the names of its fields, and `state_v`.
 

@@ -21,12 +21,13 @@ from hydro_ident.bag.aligned import (
     irregular,
     nothing_in_common,
     topics_of,
+    unused_messages,
     valve_topic,
 )
 from hydro_ident.bag.channels import Present, find_losses
 from hydro_ident.bag.dead_sensors import without_dead
 from hydro_ident.bag.gaps import find_gaps, usual_period_s
-from hydro_ident.bag.grid import Repeats
+from hydro_ident.bag.grid import Repeats, Topic
 from hydro_ident.bag.latches import latched_cycles
 from hydro_ident.bag.rails import Silence
 from hydro_ident.bag.reader import Bag, read_bag
@@ -151,6 +152,7 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
             *bag.losses,
             *bag.unchecked,
             *irregular(repeats),
+            *_unused(topics, grid, period_s),
             *filled_notes(robot, filled),
             *turn_notes(turns),
             *noted,
@@ -167,6 +169,14 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
         met.add(grid, topics[valves].stamp_ns)
         stamps = met.wrong(valves, len(grid))
     return with_losses(without_dead(replace(recording, **lost), earlier.dead), valves, stamps)
+
+
+def _unused(topics: Mapping[str, Topic], grid: IntArray, period_s: float) -> list[str]:
+    """Messages that make no cycle, as another topic comes slower; of a lone cycle nothing."""
+    if len(grid) < 2:
+        return []
+    periods_s = {n: usual_period_s(t.stamp_ns) for n, t in topics.items() if len(t.stamp_ns) > 1}
+    return [f"{name}: {text}" for name, text in unused_messages(periods_s, period_s).items()]
 
 
 def _settle_voltages(

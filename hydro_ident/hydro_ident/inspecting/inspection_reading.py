@@ -14,6 +14,8 @@ from hydro_ident.bag.aligned import (
     filled_notes,
     irregular,
     nothing_in_common,
+    own_names,
+    unused_messages,
     valve_topic,
 )
 from hydro_ident.bag.channels import Loss, channels_of, find_losses
@@ -32,6 +34,7 @@ from hydro_ident.inspecting.named_robot import look_for, named_robot, robot_by_j
 from hydro_ident.inspecting.signal_look import SignalLook
 from hydro_model.robot import Robot
 from hydro_model.robot_files import shipped_robots
+from hydro_msgs_docs.topics import JOINT_STATES
 
 RobotOf = Callable[[Mapping[str, str]], Robot | None]
 
@@ -180,7 +183,7 @@ def _inspection(
     not_checked = unchecked(passage.healths)
     infos, healths = passage.infos.values(), passage.healths
     span_ns = max(i.last_log_ns for i in infos) - min(i.first_log_ns for i in infos)
-    found = [] if look is None else _findings(passage, second, look)
+    found = [] if look is None else _findings(passage, first, second, look)
     return Inspection(
         bag=str(passage.path),
         robot=None if robot is None else robot.name,
@@ -253,13 +256,30 @@ def _channels(look: SignalLook, losses: Sequence[Loss]) -> list[str]:
     return [channel for channel in every if channel not in gone]
 
 
-def _findings(passage: Passage, second: SecondPass, look: SignalLook) -> list[Finding]:
+def _findings(
+    passage: Passage, first: FirstPass, second: SecondPass, look: SignalLook
+) -> list[Finding]:
     name = other_robot(passage.metadata, look.robot)
     other = f"recorded as '{name}', looked at as {look.robot.name}"
     if second.readings is None:
         return []
     found = irregularities(look, second.readings, second.cycle_gaps, look.hidden)
-    return [*([Finding("robot", "other", other)] if name else []), *found]
+    return [
+        *([Finding("robot", "other", other)] if name else []),
+        *found,
+        *_unused(passage, first, look),
+    ]
+
+
+def _unused(passage: Passage, first: FirstPass, look: SignalLook) -> list[Finding]:
+    """Messages that make no cycle, as another topic comes slower."""
+    joints = passage.decoder.builders.get(JOINT_STATES)
+    # Stamps of others on the topic say nothing of the rate of the robot's.
+    if joints is None or not own_names(look.robot).issuperset(joints.names) or look.cycles < 2:
+        return []
+    periods_s = {t: s.intervals.period_s for t, s in first.stamps.items() if s.count > 1}
+    told = unused_messages(periods_s, first.period_s(look.robot))
+    return [Finding(topic, "unused", text) for topic, text in told.items()]
 
 
 def _summary(passage: Passage, first: FirstPass, second: SecondPass, name: str) -> TopicSummary:
