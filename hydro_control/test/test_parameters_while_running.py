@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import os
 from collections.abc import Iterator
@@ -34,6 +35,7 @@ OTHER: dict[type, Value] = {bool: True, int: 3, str: "best_effort"}
 @pytest.fixture
 def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     monkeypatch.setitem(os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    gc.collect()  # the node of the test before is in its domain until then
     rclpy.init(domain_id=DOMAIN)
     node = ControllerNode()
     yield node

@@ -91,9 +91,9 @@ def start_ros(
         if flag == "--params-file":
             read_yaml(Path(file))
     signals = {} if handlers is None else {"signal_handler_options": handlers}
+    own = ("--ros-args", *ROSOUT_ALONE) if rosout_alone else ()
     try:
         prepare_middleware()
-        own = ("--ros-args", *ROSOUT_ALONE) if rosout_alone else ()
         rclpy.init(args=[name, *arguments, *own], **signals)
     except (RCLError, RCLInvalidROSArgsError, UnknownROSArgsError) as error:
         line = " ".join(str(error).split())

@@ -256,6 +256,7 @@ def node(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Ite
     from hydro_control.node.controller_node import ControllerNode
 
     monkeypatch.setitem(os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    gc.collect()  # the node of the test before is in its domain until then
     rclpy.init(domain_id=request.module.DOMAIN)
     node = ControllerNode()
     yield node
