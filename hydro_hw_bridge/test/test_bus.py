@@ -148,7 +148,9 @@ def test_error_frames_come_through_where_python_can_itself_would_filter_them() -
         assert (bus.counters.error_frames, bus.off) == (1, True)
 
 
-@pytest.mark.parametrize(("name", "own"), [("virtual:own", False), (NAME, True)])
+@pytest.mark.parametrize(
+    ("name", "own"), [("virtual:own", False), (NAME, True)], ids=["virtual", "multicast"]
+)
 def test_whether_a_sender_hears_itself_is_known(name: str, own: bool) -> None:
     with open_bus(name, [0x80]) as bus:
         assert bus.hears_itself is own
