@@ -26,6 +26,7 @@ PATIENCE_S = 120.0
 #: How long until what was published is published again: before the far end matched, it is lost.
 AGAIN_S = 1.0
 NAMES = ["lift_valve", "tilt_valve"]
+PERIOD_NS = 2_000_000
 CONFIGURE = 1
 Make = Callable[..., Readings]
 #: Each family of tests has ports of its own, below those of DDS and of the system: workers have
@@ -261,12 +262,14 @@ class Ros:
     def answer_to(self, device: Device, stamp_ns: int, *voltages: float) -> CommandFrame:
         """Ask until a valve frame comes: the first one. A repeated command changes nothing.
 
-        In real time a device that was silent for 10 ms has to speak before it is driven.
+        In real time a device that began no cycle for 10 ms has to before it is driven: what is
+        answered is the cycle that it has come to, from the one of the stamp on.
         """
         end = time.monotonic() + PATIENCE_S
         while time.monotonic() < end:
             if not device.lockstep:
-                device.send(device.counter)
+                device.send(device.counter + 1)
+                stamp_ns += PERIOD_NS
                 device.next_command(AGAIN_S)
             self.ask(stamp_ns, *voltages)
             if (answer := device.next_command(AGAIN_S)) is not None:
@@ -303,11 +306,11 @@ class Ros:
         self.until(lambda: self.heard["/chamber_pressures"])
         return self.stamp_of(states[-1])
 
-    def send_and_hear(self, device: Device, counter: int, stamp: int) -> None:
+    def send_and_hear(self, device: Device, counter: int, stamp: int, **changes: Any) -> None:
         """Send a cycle and wait for its sample: a command before it would be of no cycle."""
         heard = self.heard["/chamber_pressures"]
         before = len(heard)
-        device.send(counter)
+        device.send(counter, **changes)
         self.until(lambda: stamp in map(self.stamp_of, heard[before:]))
 
     def close(self) -> None:

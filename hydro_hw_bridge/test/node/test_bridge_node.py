@@ -104,9 +104,10 @@ def test_real_time_stale_commands_end_at_zero_and_signals_too(
     assert not device.answer().enable
     assert ros.answer_to(device, stamp + PERIOD_NS, 1.0, 1.0).enable
     # Five cycles without a command are legal, the sixth is not.
-    for counter in range(2, 7):
+    driven = device.counter
+    for counter in range(driven + 1, driven + 6):
         device.send(counter)
-    device.send(7)
+    device.send(driven + 6)
     answer = device.answer()
     assert not answer.enable
     assert answer.voltages == (0.0, 0.0)
@@ -114,16 +115,16 @@ def test_real_time_stale_commands_end_at_zero_and_signals_too(
     stops = ("no command for 12 ms", "nothing from the device for 10 ms", READ_LATE)
     ros.until(lambda: ros.diagnosis()["trip_reason"].startswith(stops))
     # The emergency stop keeps it tripped, with the reason said.
-    device.send(8, emergency_stop_ok=False)
-    ros.until(lambda: ros.stamp_of(ros.heard["/joint_states"][-1]) == stamp + 8 * PERIOD_NS)
+    ros.send_and_hear(
+        device, driven + 7, stamp + (driven + 7) * PERIOD_NS, emergency_stop_ok=False
+    )
     refused = ros.clear()
     assert not refused.success
     assert refused.message == "still there: emergency stop"
-    device.send(9)
-    ros.until(lambda: ros.stamp_of(ros.heard["/joint_states"][-1]) == stamp + 9 * PERIOD_NS)
+    ros.send_and_hear(device, driven + 8, stamp + (driven + 8) * PERIOD_NS)
     assert ros.clear().success
     device.commands(0.1)
-    assert ros.answer_to(device, stamp + 9 * PERIOD_NS, 1.0, 1.0).enable
+    assert ros.answer_to(device, stamp + (driven + 8) * PERIOD_NS, 1.0, 1.0).enable
     processes[0].send_signal(number)
     assert not device.answer().enable
     assert processes.wait(0) == 0
