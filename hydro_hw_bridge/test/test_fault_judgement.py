@@ -32,10 +32,12 @@ def test_a_broken_promise_is_told(trial: Trial) -> None:
 def test_a_trip_that_is_none_of_a_fault_is_told(trial: Trial) -> None:
     """Nobody asked for it: driving on was right, and so a stop is a broken promise."""
     named = Named(("cycles_incomplete",))
-    for cycles, told in ((4, ()), (5, ("tripped: no command for 12 ms (limit 10 ms)",))):
+    missing = "ENCODERS, PRESSURES_1, PRESSURES_2, VALVE_FEEDBACK"
+    said = f"tripped: no whole cycle for 12 ms, missing {missing} (limit 10 ms)"
+    for cycles, told in ((4, ()), (5, (said,))):
         injection = Injection("bus", BusFault("split", AT, cycles), None, named)
         assert trial.run(injection, 1).broken == told
-        assert trial.run(replace(injection, may_trip="no command"), 1).broken == ()
+        assert trial.run(replace(injection, may_trip="no whole cycle"), 1).broken == ()
 
 
 def test_a_command_that_is_held_for_longer_than_its_age_is_told(trial: Trial) -> None:
