@@ -272,7 +272,7 @@ def test_page_shows_the_published_figures(published: dict[str, Any], tmp_path: P
     assert "not met" in text
     assert "| coulomb_friction | coulomb_friction 1 |" in text
     assert with_tables(text, results) == text
-    with pytest.raises(IdentError, match="expected '<!-- study results"):
+    with pytest.raises(IdentError, match="expected the marks '<!-- study results"):
         with_tables("no place", results)
 
 

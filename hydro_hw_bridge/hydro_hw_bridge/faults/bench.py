@@ -63,8 +63,8 @@ class ValveInput:
         Cycles of the device since the start.
     voltages : tuple of float
         V.
-    enabled : bool
-        The amplifiers are.
+    enabled, watchdog : bool
+        Of the amplifiers.
     gate : str
         State of the bridge's gate.
     age_cycles : int
@@ -76,6 +76,7 @@ class ValveInput:
     cycle: int
     voltages: tuple[float, ...]
     enabled: bool
+    watchdog: bool
     gate: str
     age_cycles: int
     permitted: bool = True
@@ -268,6 +269,7 @@ class Bench:
                 self.cycle,
                 tuple(amplifier.output_v.tolist()),
                 amplifier.enabled,
+                amplifier.tripped,
                 self.core.gate.state.value,
                 self.cycle - self._answered_cycle,
                 not self._acting(*PERMISSIVES),
