@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ rclpy = pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
 CONFIGURE, ACTIVATE = 1, 3
+PATIENCE_S = 120.0
 
 
 def test_a_bridge_beside_another_is_neither_configured_activated_nor_cleared(
@@ -37,6 +39,8 @@ def test_a_bridge_beside_another_is_neither_configured_activated_nor_cleared(
 def test_nor_is_one_that_comes_up_beside_another(ros: Any, processes: Any, can_name: str) -> None:
     other = rclpy.create_node("can_bridge", context=ros.context)
     processes.start(can_name, "robot:=xs031")
+    assert ros.change_state.wait_for_service(PATIENCE_S)
+    time.sleep(2.0)  # until the two know one another: nothing tells from outside that they do
     assert not ros.tried(CONFIGURE)
     other.destroy_node()
     ros.until(lambda: ros.tried(CONFIGURE))
