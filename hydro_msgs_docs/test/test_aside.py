@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import re
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,21 +18,6 @@ from hydro_msgs_docs.aside import Aside, unread_streams
 
 PATIENCE_S = 60.0
 DOMAIN = 10 + (os.getpid() + 61) % 90
-
-
-@pytest.fixture
-def full_pipe() -> Iterator[int]:
-    """The end to write to of a pipe that is full, and that nobody reads."""
-    reading, writing = os.pipe()
-    fcntl.fcntl(writing, fcntl.F_SETPIPE_SZ, 4096)
-    os.set_blocking(writing, False)
-    with suppress(BlockingIOError):
-        while True:
-            os.write(writing, bytes(4096))
-    os.set_blocking(writing, True)
-    yield writing
-    os.close(writing)
-    os.close(reading)
 
 
 def test_who_puts_aside_does_not_wait_and_what_was_left_out_is_counted() -> None:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 import signal
 import subprocess
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -19,21 +16,6 @@ from trajectory_msgs.msg import JointTrajectory
 from hydro_msgs_docs import topics
 
 pytestmark = pytest.mark.ros
-
-
-@pytest.fixture
-def full_pipe() -> Iterator[int]:
-    """The end to write to of a pipe that is full, and that nobody reads."""
-    reading, writing = os.pipe()
-    fcntl.fcntl(writing, fcntl.F_SETPIPE_SZ, 4096)
-    os.set_blocking(writing, False)
-    with suppress(BlockingIOError):
-        while True:
-            os.write(writing, bytes(4096))
-    os.set_blocking(writing, True)
-    yield writing
-    os.close(writing)
-    os.close(reading)
 
 
 def test_a_signal_ends_a_controller_whose_log_nobody_reads(

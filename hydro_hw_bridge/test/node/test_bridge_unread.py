@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 import signal
-from collections.abc import Iterator
-from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -16,21 +12,6 @@ pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
 CONFIGURE, ACTIVATE = 1, 3
-
-
-@pytest.fixture
-def full_pipe() -> Iterator[int]:
-    """The end to write to of a pipe that is full, and that nobody reads."""
-    reading, writing = os.pipe()
-    fcntl.fcntl(writing, fcntl.F_SETPIPE_SZ, 4096)
-    os.set_blocking(writing, False)
-    with suppress(BlockingIOError):
-        while True:
-            os.write(writing, bytes(4096))
-    os.set_blocking(writing, True)
-    yield writing
-    os.close(writing)
-    os.close(reading)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
