@@ -77,8 +77,9 @@ def test_the_tour_is_run_as_it_stands(tour: tuple[Path, dict[str, str]]) -> None
 
 
 def test_the_first_bag_is_healthy(tour: tuple[Path, dict[str, str]]) -> None:
-    lines = tour[1]["inspect"].splitlines()
-    assert lines[0].endswith("_first: healthy")
+    said = tour[1]["inspect"]
+    lines = said.splitlines()
+    assert lines[0].endswith("_first: healthy"), said
     assert "  nothing irregular" in lines
     assert "4500 cycles at 500.00 Hz" in lines[1]
 

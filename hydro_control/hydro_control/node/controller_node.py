@@ -37,8 +37,9 @@ from hydro_msgs_docs.real_time import RealTime, RealTimeOptions, as_others
 
 _DIAGNOSTICS_S = 1.0
 _LOOK_S = 0.1
-#: Without a sample for so long the controller says so.
-_UNANSWERED_S = 0.5
+#: Without a sample for so long the controller says so. A simulated machine in lockstep that waits
+#: for an answer says its cycle again each second, and is not lost.
+_UNANSWERED_S = 1.5
 
 
 class ControllerNode(LifecycleNode):

@@ -21,8 +21,9 @@ _AGAIN_S = 5.0
 _TAKEN_BACK_S = 2.0
 #: Once one node of a name was found, others of that name that are there are found within this.
 _OTHERS_S = 0.5
-#: Nobody was found for so long: nobody is there.
-_FREE_S = 3.0
+#: Nobody was found for so long: nobody is there. Who was not met at once is by the next of its
+#: announcements, which Fast DDS makes every 3 s.
+_FREE_S = 4.5
 NAME = "lifecycle"
 #: No transition: a bridge that has tripped stays active.
 CLEAR_TRIP = "clear_trip"

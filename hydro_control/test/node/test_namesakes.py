@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import threading
 from collections.abc import Callable, Iterator
@@ -51,8 +52,8 @@ class Twin(LifecycleNode):
 def twins(machine: Any) -> Iterator[list[Twin]]:
     made = [Twin(machine.context), Twin(machine.context)]
     executor = SingleThreadedExecutor(context=machine.context)
-    for twin in made:
-        executor.add_node(twin)
+    executor.add_node(made[0])
+    executor.add_node(made[1])
     ended = threading.Event()
 
     def spin() -> None:
@@ -65,8 +66,9 @@ def twins(machine: Any) -> Iterator[list[Twin]]:
     ended.set()
     spinner.join()
     executor.shutdown()
-    for twin in made:
-        twin.destroy_node()
+    while made:
+        made.pop().destroy_node()
+    gc.collect()  # the services of a node's states live as long as it, beyond its end
 
 
 @pytest.mark.parametrize("asked", ["configure", "clear_trip", "get"])
