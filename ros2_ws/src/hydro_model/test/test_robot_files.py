@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import subprocess
-import sys
 from collections.abc import Callable
 from datetime import date
 from pathlib import Path
@@ -15,7 +12,6 @@ import pytest
 import yaml
 
 from hydro_model.errors import RobotError
-from hydro_model.hydraulics.cylinder import joint_position, lever, stroke
 from hydro_model.robot_files import MAX_FILE_BYTES, load_robot, shipped_robots
 
 Change = Callable[[dict[str, Any]], None]
@@ -166,105 +162,6 @@ def test_a_merge_key_bomb_ends_at_once(tmp_path: Path) -> None:
     path = tmp_path / "robot.yaml"
     path.write_text("\n".join(lines), encoding="utf-8")
     assert "aliases unfold to more than" in refused(path)
-
-
-@pytest.mark.parametrize("wide", [1e-9, 0.03])
-def test_slightly_wide_limits_end_where_the_piston_does(
-    crane: Path, caplog: pytest.LogCaptureFixture, wide: float
-) -> None:
-    urdf = crane.with_name("xs031.urdf")
-    cylinder = load_robot(crane).cylinder("lift_cylinder")
-    end = float(joint_position(cylinder, 0.0, near=0.5))
-    limits = f'lower="{end - wide!r}" upper="1.70"'
-    text = urdf.read_text(encoding="utf-8")
-    urdf.write_text(text.replace('lower="-0.05" upper="1.70"', limits), encoding="utf-8")
-    caplog.clear()
-    joint = load_robot(crane).joints[0]
-    assert [joint.lower, joint.upper] == pytest.approx([end, 1.70], abs=2e-3)
-    assert stroke(cylinder, joint.lower) >= 0.0
-    [record] = caplog.records
-    assert "outside its stroke" in record.message
-    assert f"taken as {joint.lower:.4f} to {joint.upper:.4f}" in record.message
-
-
-@pytest.mark.parametrize(
-    ("limits", "ends"),
-    [
-        ('type="revolute" lower="-1.57" upper="1.90"', (-0.0983, 1.90)),
-        # Beyond a dead centre at 2.136, and beyond the other one, where the arm points back.
-        ('type="revolute" lower="-1.57" upper="2.50"', (-0.0983, 2.1)),
-        ('type="revolute" lower="2.20" upper="4.60"', (2.20, 4.370)),
-        ('type="continuous"', (-0.0983, 2.1)),
-    ],
-)
-def test_limits_beyond_the_stroke_are_narrowed_for_who_reads_recordings_alone(
-    crane: Path, caplog: pytest.LogCaptureFixture, limits: str, ends: tuple[float, float]
-) -> None:
-    urdf = crane.with_name("xs031.urdf")
-    text = urdf.read_text(encoding="utf-8")
-    kind, *rest = limits.split(" ", 1)
-    text = text.replace('name="lift" type="revolute"', f'name="lift" {kind}')
-    if rest:
-        text = text.replace('lower="-0.05" upper="1.70"', rest[0])
-    else:
-        text = re.sub('<limit lower="-0.05"[^>]*>', "", text)
-    urdf.write_text(text, encoding="utf-8")
-    said = refused(crane)
-    assert "outside its stroke" in said or "to have finite limits" in said
-    caplog.clear()
-    robot = load_robot(crane, narrow=True)
-    joint, cylinder = robot.joints[0], robot.cylinder("lift_cylinder")
-    assert [joint.lower, joint.upper] == pytest.approx(ends, abs=0.06)
-    q = np.linspace(joint.lower, joint.upper, 500)
-    x, arm = stroke(cylinder, q), lever(cylinder, q)
-    assert x.min() >= 0.0
-    assert x.max() <= cylinder.stroke_m
-    assert len(set(np.sign(arm))) == 1
-    assert np.abs(arm).min() > 0.01 * cylinder.l2_m
-    [record] = caplog.records
-    assert record.message == f"{said}: taken as {joint.lower:.4f} to {joint.upper:.4f}"
-
-
-def test_limits_where_no_cylinder_has_its_stroke_are_refused_by_everybody(crane: Path) -> None:
-    urdf = crane.with_name("xs031.urdf")
-    text = urdf.read_text(encoding="utf-8")
-    urdf.write_text(text.replace('lower="-0.05" upper="1.70"', 'lower="-1.2" upper="-0.9"'))
-    with pytest.raises(RobotError, match="outside its stroke"):
-        load_robot(crane, narrow=True)
-
-
-def test_a_command_says_that_limits_were_narrowed(crane: Path) -> None:
-    urdf = crane.with_name("xs031.urdf")
-    text = urdf.read_text(encoding="utf-8")
-    urdf.write_text(text.replace('lower="-0.05"', 'lower="-0.11"'), encoding="utf-8")
-    code = (
-        "import sys; from hydro_model.command_line.command import run_command;"
-        "from hydro_model.robot_files import load_robot;"
-        "run_command('tool', lambda given: load_robot(given[0]).dof, sys.argv[1:])"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(crane)], capture_output=True, text=True, check=True
-    )
-    assert done.stdout == ""
-    [line] = done.stderr.splitlines()
-    assert line.startswith(
-        f"tool: warning: {crane}: joint limits -0.11 to 1.7 move 'lift_cylinder'"
-    )
-
-
-def test_limits_past_a_dead_centre_are_refused_however_little_the_stroke(crane: Path) -> None:
-    """There the piston comes back into its cylinder: 1 % of the stroke is a fifth of the range."""
-    cylinder = load_robot(crane).cylinder("lift_cylinder")
-    shortest = float(stroke(cylinder, -cylinder.q0_rad))
-    data = yaml.safe_load(crane.read_text(encoding="utf-8"))
-    data["cylinders"][0]["x0_m"] += shortest + 0.01 * cylinder.stroke_m
-    crane.write_text(yaml.safe_dump(data), encoding="utf-8")
-    urdf = crane.with_name("xs031.urdf")
-    limits = f'lower="{-cylinder.q0_rad - 0.6}" upper="0.4"'
-    text = urdf.read_text(encoding="utf-8")
-    urdf.write_text(text.replace('lower="-0.05" upper="1.70"', limits), encoding="utf-8")
-    with pytest.raises(RobotError, match="outside its stroke"):
-        load_robot(crane)
 
 
 def set_in(*way: str | int, value: object) -> Change:
@@ -425,13 +322,6 @@ def test_barrel_and_rod_of_a_joint_that_slides_belong_to_the_links(
     said = refused(rewritten(telescope, change))
     assert "cylinder 'tilt_cylinder' on prismatic joint 'tilt' has a barrel or rod" in said
     assert "<inertial> of 'lift_link' and the rod's in that of 'tilt_link'" in said
-
-
-def test_a_cylinder_needs_limits(crane: Path) -> None:
-    urdf = crane.parent / "xs031.urdf"
-    text = urdf.read_text(encoding="utf-8")
-    urdf.write_text(text.replace('"lift" type="revolute"', '"lift" type="continuous"'), "utf-8")
-    assert "needs joint 'lift' to have finite limits" in refused(crane)
 
 
 def test_numbers_in_exponent_notation_are_numbers(crane: Path) -> None:
