@@ -6,8 +6,6 @@ The shipped gains were chosen on machines of one size at 500 Hz with encoders of
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from hydro_control.errors import ControlError
@@ -73,14 +71,10 @@ def count_shares(robot: Robot, gains: Gains) -> FloatArray:
     gains : Gains
     """
     pose = middle(robot)
-    count = 2.0 * math.pi / robot.sensors.encoder_counts_per_rev
-    shares = []
-    for i, joint in enumerate(robot.joints):
-        # Of slides, counts per revolution say nothing.
-        step = np.zeros(robot.dof)
-        step[i] = 0.0 if joint.prismatic else count
-        shares.append(np.ptp(_signals(robot, gains, pose, step)[:, i]))
-    return np.array(shares)
+    steps = np.diag(robot.encoder_steps)
+    return np.array(
+        [np.ptp(_signals(robot, gains, pose, step)[:, i]) for i, step in enumerate(steps)]
+    )
 
 
 def _signals(robot: Robot, gains: Gains, pose: FloatArray, step: FloatArray) -> FloatArray:

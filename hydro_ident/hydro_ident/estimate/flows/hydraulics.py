@@ -11,7 +11,7 @@ from hydro_ident.errors import IdentError
 from hydro_ident.estimate.flows.chambers import WindowSettings, chambers_of
 from hydro_ident.estimate.flows.cylinder_fit import CylinderFit, combined
 from hydro_ident.estimate.flows.delay import Solve, ValveDelay, fit_delay
-from hydro_ident.estimate.flows.flow_moments import ExtraColumns, FlowGatherer, Select
+from hydro_ident.estimate.flows.flow_moments import ExtraColumns, FlowGatherer
 from hydro_ident.estimate.flows.unread_rails import RailConstant, settled_constants
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.estimate.statistics.regression import solve_iv
@@ -65,7 +65,6 @@ def fit_hydraulics(
     traces: Sequence[Trace],
     windows: WindowSettings | None = None,
     extra: ExtraColumns | None = None,
-    select: Select | None = None,
 ) -> HydraulicFit | None:
     """Fit the command delay, then every chamber, then combine the chambers of each cylinder.
 
@@ -77,8 +76,6 @@ def fit_hydraulics(
     windows : WindowSettings, optional
     extra : callable, optional
         Columns of listed effects.
-    select : callable, optional
-        Picks the rows that take part in the fit.
 
     Returns
     -------
@@ -86,7 +83,7 @@ def fit_hydraulics(
         None where no chamber has pressures, stroke and valve signal.
     """
     windows = windows or WindowSettings()
-    again = partial(_gathered, robot, traces, windows, extra, select)
+    again = partial(_gathered, robot, traces, windows, extra)
     return hydraulic_fit(robot, again({}), windows, regather=again)
 
 
@@ -95,7 +92,6 @@ def _gathered(
     traces: Sequence[Trace],
     windows: WindowSettings,
     extra: ExtraColumns | None,
-    select: Select | None,
     rails_off_pa: Mapping[str, float],
 ) -> list[FlowGatherer]:
     longest_s = windows.max_delay_cycles * max((t.step_s for t in traces), default=0.0)
@@ -104,9 +100,8 @@ def _gathered(
         name = trace.recording
         if name not in gathered:
             gathered[name] = FlowGatherer(
-                robot, name, windows, extra, select,
-                longest_s=longest_s, rails_off_pa=rails_off_pa,
-            )  # fmt: skip
+                robot, name, windows, extra, longest_s=longest_s, rails_off_pa=rails_off_pa
+            )
         gathered[name].add(trace)
     return list(gathered.values())
 

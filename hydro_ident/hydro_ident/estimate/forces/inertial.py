@@ -33,7 +33,6 @@ from hydro_ident.estimate.statistics.blocks import Blocks, blocks_of
 from hydro_ident.estimate.statistics.least_squares import (
     MAX_COLLINEARITY,
     Fit,
-    Rows,
     fit_of_solution,
 )
 from hydro_ident.estimate.statistics.moments import Moments
@@ -100,7 +99,6 @@ def fit_inertial(
     model: ForceModel,
     traces: Sequence[Trace],
     settings: FilterSettings | None = None,
-    select: Callable[[Rows], Rows] | None = None,
 ) -> InertialFit | None:
     """Weighted least squares of the force channels over all traces.
 
@@ -110,8 +108,6 @@ def fit_inertial(
     traces : sequence of Trace
         In order of time within each recording.
     settings : FilterSettings, optional
-    select : callable, optional
-        Picks the rows that take part in the fit.
 
     Returns
     -------
@@ -129,7 +125,6 @@ def fit_inertial(
     for trace in usable:
         rows = force_rows(model, trace, settings, rests)
         if rows is not None:
-            rows = rows if select is None else select(rows)
             name = trace.recording
             fresh = Moments.like(rows, name, sample_s=trace.step_s)
             gathered.setdefault(name, fresh).add(rows)

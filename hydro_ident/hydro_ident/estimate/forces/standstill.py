@@ -93,12 +93,10 @@ def least_travel(robot: Robot) -> FloatArray:
     Parameters
     ----------
     robot : Robot
-        Of its slides, counts per revolution say nothing.
     """
-    count = 2.0 * np.pi / robot.sensors.encoder_counts_per_rev
-    resolved = min(STILL_COUNTS * count, max(MOVING_RANGE, FLICKER_COUNTS * count))
-    turning = max(STILL_RANGE, resolved)
-    return np.array([STILL_RANGE if joint.prismatic else turning for joint in robot.joints])
+    steps = robot.encoder_steps
+    flickers = np.maximum(MOVING_RANGE, FLICKER_COUNTS * steps)
+    return np.maximum(STILL_RANGE, np.minimum(STILL_COUNTS * steps, flickers))
 
 
 def held_still(q: FloatArray, still: Mapping[int, Rest]) -> FloatArray:

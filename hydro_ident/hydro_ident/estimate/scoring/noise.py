@@ -108,14 +108,13 @@ def encoder_noise(survey: SignalSurvey) -> FloatArray:
     ----------
     survey : SignalSurvey
     """
-    count = 2.0 * math.pi / survey.robot.sensors.encoder_counts_per_rev
-    # Counts per revolution are no resolution of a slide, nor of a log that was rounded behind the
-    # encoder: what was seen of either stands for it.
-    slides = [joint.prismatic for joint in survey.robot.joints]
+    # Of a slide nothing is declared, and a log may have been rounded behind the encoder: what was
+    # seen of either stands for it.
+    steps = survey.robot.encoder_steps
     return np.array(
         [
-            sensor.noise(max(sensor.smallest_change, 0.0 if slide else count))
-            for sensor, slide in zip(survey.q, slides, strict=True)
+            sensor.noise(max(sensor.smallest_change, step))
+            for sensor, step in zip(survey.q, steps, strict=True)
         ]
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from hydro_ident.estimate.signals.signal_survey import Sensor, SignalSurvey
@@ -55,17 +54,13 @@ class Watched:
 
 
 def watched_sensors(robot: Robot, signals: SignalSurvey) -> tuple[Watched, ...]:
-    """Every sensor that the survey met and that an equation uses.
-
-    A slide's encoder counts per revolution are no resolution in metres.
-    """
-    count = 2.0 * math.pi / robot.sensors.encoder_counts_per_rev
+    """Every sensor that the survey met and that an equation uses."""
     bar = robot.sensors.pressure_resolution_pa
     floor = PRESSURE_SHARE * robot.supply_pressure_pa
     found = []
     for i, joint in enumerate(robot.joints):
-        step, effort = (0.0 if joint.prismatic else count), signals.effort[i]
-        found.append(Watched(joint.name, "q", i, signals.q[i], step))
+        step, effort = robot.encoder_steps[i], signals.effort[i]
+        found.append(Watched(joint.name, "q", i, signals.q[i], float(step)))
         least = EFFORT_SHARE * effort.usual_size
         found.append(Watched(f"{joint.name} effort", "effort", i, effort, floor=least))
     for i, cylinder in enumerate(robot.cylinders):

@@ -298,6 +298,15 @@ class Robot:
         return len(self.joints)
 
     @property
+    def encoder_steps(self) -> FloatArray:
+        """Angle of one count of each joint's encoder, (n,), rad.
+
+        0 for a joint that slides: counts per revolution are no resolution in metres.
+        """
+        step = 2.0 * np.pi / self.sensors.encoder_counts_per_rev
+        return np.array([0.0 if joint.prismatic else step for joint in self.joints])
+
+    @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints from the base outwards."""
         return tuple(joint.name for joint in self.joints)
