@@ -232,6 +232,23 @@ def test_a_law_whose_size_may_be_anything_is_before_none_that_is_told(
         assert named_of(both, 0.001, 1.0).names[0] == first
 
 
+@pytest.mark.parametrize("better", ["coulomb_friction", "presliding_friction"])
+def test_of_laws_of_one_name_the_better_one_stands_in_the_model(robot: Robot, better: str) -> None:
+    """By little of the effect: it names the same cause, but elsewhere the forces are others."""
+    specs = (
+        EffectSpec("coulomb_friction", "lift_cylinder", {"force": 1500.0}),
+        EffectSpec("presliding_friction", "lift_cylinder", {"force": 1500.0, "distance": 2e-5}),
+    )
+    gain, more = 2e6, {better: 100.0}
+    contenders = [
+        Contender(term, UNFITTED, gain, gain + more.get(term.effect.name, 0.0), cost)
+        for term, cost in zip(resolve(replace(robot, effects=specs)), (6.7, 6.4), strict=True)
+    ]
+    found = named_of(contenders, 0.001, 1.0)
+    assert found.names[0] == "coulomb_friction"
+    assert found.term.effect.name == better
+
+
 @pytest.mark.parametrize(
     ("distance_m", "names"),
     [

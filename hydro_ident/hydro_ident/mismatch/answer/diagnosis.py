@@ -17,6 +17,7 @@ from hydro_ident.identify.verdict import BagLoss, wrong_robot
 from hydro_ident.mismatch.answer.answering import STAGES, Answer, answered, base_to_search
 from hydro_ident.mismatch.answer.channel_results import channels_of, rows_of_training
 from hydro_ident.mismatch.answer.doubts import doubts
+from hydro_ident.mismatch.answer.half_read import beside_half_read
 from hydro_ident.mismatch.answer.hardly_shows import hardly_notes, parted_hardly
 from hydro_ident.mismatch.answer.minor import minor_notes, parted, parted_unknown
 from hydro_ident.mismatch.answer.not_testable import not_testable
@@ -166,6 +167,8 @@ def _diagnosed(
     answers = [answered(work, base)]
     del work, base
     answer = without_off_centre(answers, lay)
+    material = answer.work.training.predictor.material
+    answer = replace(answer, findings=beside_half_read(material, answer.findings))
     work, search, rejected, taken = answer.work, answer.search, answer.rejected, answer.taken
     whole, before, modelled, refined = _modelled(answer, settings)
     advance("rolling the models out", 6, STAGES)

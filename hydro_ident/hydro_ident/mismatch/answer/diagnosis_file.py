@@ -220,7 +220,7 @@ def parameters_of(fitted: Fitted | Weighed, term: ActiveEffect) -> list[dict[str
 
     These are robust against dependence in blocks, and hold what the form of a law, which is an
     idealisation, is off by. A shape that ran to the end of its range has none: no slope tells how
-    far from there it may be.
+    far from there it may be. Nor has what stands at zero as no row knows it.
     """
     std = np.sqrt(np.maximum(np.diag(_covariance(fitted, term)), 0.0))
     result, idle = [], idle_edges(term)
@@ -245,14 +245,14 @@ def covariance_of(fitted: Fitted | Weighed, term: ActiveEffect) -> dict[str, Any
     Returns
     -------
     dict
-        `names` as in `parameters_of`, and `values`, (k, k) rows; none that are not finite.
+        `names` as in `parameters_of`, and `values`, (k, k) rows, of what has a deviation.
     """
     matrix, at, names = _covariance(fitted, term), list[int](), list[str]()
     for spec, value in zip(term.effect.parameters, term.parameters, strict=True):
         name = f"{term.target}.{term.effect.name}.{spec.name}"
         if name in fitted.names and not shape_at_an_end(spec, value):
             k = fitted.names.index(name)
-            if math.isfinite(matrix[k, k]):
+            if 0.0 < matrix[k, k] < math.inf:
                 at.append(k)
                 names.append(f"{term.effect.name}.{spec.name}")
     return {"names": names, "values": matrix[np.ix_(at, at)].tolist()}
@@ -271,7 +271,7 @@ def _covariance(fitted: Fitted | Weighed, term: ActiveEffect) -> FloatArray:
 def _deviation(fitted: Fitted | Weighed, std: FloatArray, name: str) -> float | None:
     if name not in fitted.names:
         return None
-    return finite(float(std[fitted.names.index(name)]))
+    return finite(float(std[fitted.names.index(name)])) or None
 
 
 def refinement_dict(one: Refinement) -> dict[str, Any]:

@@ -85,10 +85,14 @@ class Named:
     def modelled(self) -> Contender:
         """The member of the set that stands in the model.
 
-        The best name's, unless another predicts better by more than laws' forms are good for.
+        The best name's, unless another predicts better by more than laws' forms are good for. Of
+        laws that bear one name whichever predicts better: no name depends on it, but the model's
+        forces do, in motions that show more of their difference than those that it was fitted to.
         """
         possible = [c for c in self.contenders if not at_a_bound(c.term)] or self.contenders
-        first, best = possible[0], max(possible, key=lambda c: c.held_out)
+        mates = [c for c in possible if c.name == possible[0].name and _near(c, possible[0])]
+        first = max(mates, key=lambda c: 0.5 * c.held_out / self.spread - c.cost)
+        best = max(possible, key=lambda c: c.held_out)
         margin = FORM_TOLERANCE**2 * max(first.gain, best.gain)
         return best if best.held_out - first.held_out > margin else first
 
