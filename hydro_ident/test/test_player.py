@@ -172,6 +172,30 @@ def test_signals_end_it_in_order(write_bag, run_columns, number) -> None:
 
 
 @pytest.mark.ros
+@pytest.mark.parametrize(
+    ("topic", "options", "code"),
+    [
+        ("/joint_states", (), 2),
+        ("/joint_states", ("--beside",), 0),
+        ("/joint_states", ("--topics", "/chamber_pressures"), 0),
+    ],
+)
+def test_a_bag_is_not_played_beside_a_machine(
+    node, write_bag, run_columns, topic, options, code
+) -> None:
+    """Whoever listens there takes the bag's samples for the machine's."""
+    from sensor_msgs.msg import JointState
+
+    node.create_publisher(JointState, topic, 1)
+    process = _play(write_bag(run_columns(N)), "--delay", "6", *options)
+    said, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == code, said
+    refusal = f"found somebody on {topic} in ROS domain {DOMAIN}: a machine is up there"
+    assert (refusal in said) == (code == 2)
+    assert ("played " in said) == (code == 0)
+
+
+@pytest.mark.ros
 def test_what_cannot_be_played_is_said(
     tmp_path, write_bag, run_columns, without_checksums
 ) -> None:

@@ -24,7 +24,7 @@ from hydro_model.description.safe_yaml import UnusableYamlError, parse
 from hydro_msgs_docs.endings import stop_on_signals
 from hydro_msgs_docs.middleware import start_ros
 from hydro_msgs_docs.node_arguments import own_arguments
-from hydro_msgs_docs.topics import LIVE_DEPTH, reliable
+from hydro_msgs_docs.topics import DIAGNOSTICS, LIVE_DEPTH, reliable
 
 #: Of what `--json` writes.
 SCHEMA = "hydro_ident/played/1"
@@ -32,6 +32,10 @@ _LEAST_SLEEP_S = 0.0005
 #: How often the position is told, and a signal looked for.
 _TOLD_EVERY_S = 0.1
 _MOST_QOS_CHARACTERS = 100_000
+#: Topics on which several publish as a rule.
+_EVERYBODYS = frozenset((DIAGNOSTICS, "/rosout", "/parameter_events", "/tf", "/tf_static"))
+#: For so long others are looked for: who is there was found by then.
+_FOUND_S = 5.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -66,6 +70,11 @@ def _parser() -> argparse.ArgumentParser:
         metavar="S",
         help="until the first message (default 1)",
     )
+    parser.add_argument(
+        "--beside",
+        action="store_true",
+        help="play although somebody else publishes on a topic, such as a machine that is up",
+    )
     add_json(parser, "at the end what was played")
     return parser
 
@@ -84,12 +93,12 @@ def _run(arguments: Sequence[str]) -> int:
     with stop_on_signals() as stop:
         start_ros("player", arguments, SignalHandlerOptions.NO)
         try:
-            player = Player(channels)
+            player = Player(channels, alone=not options.beside)
             warn("player", (*contents.damage, *contents.unchecked))
             stream = sys.stderr if options.json == STDOUT else sys.stdout
             print(f"playing {len(channels)} topics of {options.bag}", file=stream, flush=True)
             began_s = time.monotonic()
-            _sleep(options.delay, stop)
+            _sleep(options.delay, stop, player.look)
             with progress_bar():
                 while not stop:
                     player.play(options.bag, contents, options.rate, stop, Position(span_s))
@@ -188,6 +197,8 @@ class Player:
     Parameters
     ----------
     channels : sequence of Channel
+    alone : bool
+        End where somebody else publishes on one of their topics.
 
     Attributes
     ----------
@@ -200,13 +211,14 @@ class Player:
         A message type that is not installed.
     """
 
-    def __init__(self, channels: Sequence[Channel]) -> None:
+    def __init__(self, channels: Sequence[Channel], *, alone: bool = True) -> None:
         from rclpy.node import Node
         from rclpy.qos_overriding_options import QoSOverridingOptions
 
         self.counts = {channel.topic: 0 for channel in channels}
         self._node = Node("player")
         self._publishers: dict[str, Any] = {}
+        self._looked_s, self._look_until_s = 0.0, time.monotonic() + _FOUND_S if alone else 0.0
         for channel in channels:
             try:
                 message_class = message_class_of(channel.message_type)
@@ -243,6 +255,7 @@ class Player:
         begin_s, first_ns = time.monotonic(), None
 
         def waiting() -> None:
+            self.look()
             position.tell(rate * (time.monotonic() - begin_s))
 
         for channel, log_ns, data in messages_in_order(bag, contents):
@@ -255,9 +268,34 @@ class Player:
             _sleep(due_s - time.monotonic(), stop, waiting)
             if stop:
                 return
+            self.look()
             position.tell((log_ns - first_ns) * 1e-9)
             publisher.publish(data)
             self.counts[channel.topic] += 1
+
+    def look(self) -> None:
+        """End where somebody else publishes on a topic that is played.
+
+        A machine's samples and those of a bag, or two bags', would be taken for one another's.
+
+        Raises
+        ------
+        BagError
+        """
+        now_s = time.monotonic()
+        if now_s - self._looked_s < _TOLD_EVERY_S or now_s > self._look_until_s:
+            return
+        self._looked_s = now_s
+        topics = [one.topic_name for one in self._publishers.values()]
+        shared = [t for t in topics if t not in _EVERYBODYS and self._node.count_publishers(t) > 1]
+        if shared:
+            domain = self._node.context.get_domain_id()
+            raise BagError(
+                f"expected nobody to publish on what is played, found somebody on"
+                f" {', '.join(shared)} in ROS domain {domain}: a machine is up there, or another"
+                " bag is played; end that, set another ROS_DOMAIN_ID, choose --topics, or play it"
+                " --beside"
+            )
 
     def finish(self) -> None:
         """Wait until subscribers have confirmed the last messages."""
