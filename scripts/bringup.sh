@@ -4,6 +4,8 @@
 #   scripts/bringup.sh --can can0 --robot xs031 --calibration FILE --drive     drive the valves
 #   scripts/bringup.sh --sim [--drive]                      the simulated rig instead of a machine: the
 #                      reference crane, or a robot of another name exactly as its file says
+#   scripts/bringup.sh --sim --rig FILE --robot model.yaml  a model that was identified, on the simulated
+#                      machine that FILE describes: such a model is none that a rig could be
 # Options:
 #   --robot ROBOT      shipped name, *.hydraulics.yaml or model.yaml (default xs031)
 #   --controller FILE  ROS parameters of the controller (gains; default: the package's gains.yaml)
@@ -20,10 +22,10 @@ set -euo pipefail
 shopt -s inherit_errexit
 
 here=$(CDPATH='' cd -- "$(dirname "${BASH_SOURCE[0]}")" && pwd)
-usage() { sed -n '2,19s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; }
+usage() { sed -n '2,21s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; }
 bad() { printf 'bringup: %s\n' "$*" >&2; exit 2; }
 
-can= robot=xs031 controller= bridge= path= mapping= dbc= calibration= record= sim=false drive=false uncalibrated=false
+can= robot=xs031 rig= controller= bridge= path= mapping= dbc= calibration= record= sim=false drive=false uncalibrated=false
 bus=udp_multicast:239.74.163.2:43113
 while [[ $# -gt 0 ]]; do
   case $1 in
@@ -31,7 +33,7 @@ while [[ $# -gt 0 ]]; do
     --drive) drive=true; shift ;;
     --no-calibration) uncalibrated=true; shift ;;
     -h|--help) usage; exit 0 ;;
-    --can|--robot|--controller|--bridge|--path|--mapping|--dbc|--calibration|--record|--bus)
+    --can|--robot|--rig|--controller|--bridge|--path|--mapping|--dbc|--calibration|--record|--bus)
       [[ $# -ge 2 ]] || bad "$1 needs a value"
       printf -v "${1#--}" '%s' "$2"; shift 2 ;;
     *) bad "unknown option '$1' (see --help)" ;;
@@ -39,6 +41,7 @@ while [[ $# -gt 0 ]]; do
 done
 if $sim && [[ -n $can ]]; then bad "--sim and --can exclude each other"; fi
 if ! $sim && [[ -z $can ]]; then bad "expected --can INTERFACE or --sim (see --help)"; fi
+if ! $sim && [[ -n $rig ]]; then bad "--rig is what --sim simulates: with --can there is a machine"; fi
 if $uncalibrated && [[ -n $calibration ]]; then
   bad "--no-calibration and --calibration exclude each other"
 fi
@@ -46,7 +49,7 @@ if $drive && ! $sim && ! $uncalibrated && [[ -z $calibration ]]; then
   bad "--drive on $can needs --calibration FILE (what calibrate wrote: zeros, offsets and valve" \
     "signs; a model file has none); --no-calibration drives without"
 fi
-for name in controller bridge calibration mapping dbc; do
+for name in rig controller bridge calibration mapping dbc; do
   [[ -z ${!name} || -f ${!name} ]] || bad "--$name: expected a file, found none at '${!name}'"
 done
 if $sim; then can=$bus; fi
@@ -83,13 +86,13 @@ absent can_bridge controller
 if $sim; then
   # Whatever model of the reference crane is driven, the rig is that crane as it truly is; of any other robot
   # nothing is known but its file. It speaks the bus that the bridge is told of.
-  name=$(robot_name "$robot")
-  rig=(--robot xs031)
-  if [[ $name != xs031 ]]; then rig=(--robot "$robot" --truth ideal); fi
+  name=$(robot_name "${rig:-$robot}")
+  device=(--robot xs031)
+  if [[ $name != xs031 ]]; then device=(--robot "${rig:-$robot}" --truth ideal); fi
   for name in mapping dbc; do
-    [[ -z ${!name} ]] || rig+=("--$name" "${!name}")
+    [[ -z ${!name} ]] || device+=("--$name" "${!name}")
   done
-  start rig "$(hydro_exe hydro_hw_bridge sim_rig)" "${rig[@]}" --can "$can" --real-time
+  start rig "$(hydro_exe hydro_hw_bridge sim_rig)" "${device[@]}" --can "$can" --real-time
   wait_for rig ready
 fi
 start bridge "$(hydro_exe hydro_hw_bridge can_bridge)" --ros-args "${parameters[@]}"

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from hydro_model.robot_files import shipped_robots
+
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE_S = 120.0
 #: Rig, bridge, controller and lifecycle client in one. The bridge says what its file says.
@@ -21,7 +23,7 @@ case $* in
   "absent "*) [[ $2 != "/$there" ]] || { echo "lifecycle: $2 is there" >&2; exit 1; } ;;
   configure*|activate*) echo "$*" >>"$0.asked" ;;
   *clock:=*) echo "$ROS_DOMAIN_ID" >"$0.domain"; exec tail -n +1 -f "$0.words" ;;
-  *--real-time*) echo ready; exec sleep 240 ;;
+  *--real-time*) echo "$*" >"$0.rig"; echo ready; exec sleep 240 ;;
   *) exec sleep 240 ;;
 esac
 """
@@ -113,6 +115,25 @@ def test_a_rehearsal_takes_a_domain_that_nobody_uses(
     assert re.fullmatch(taken, found)
     assert (f"export ROS_DOMAIN_ID={found}\n" in said) == (not domain and "--sim" in arguments)
     assert one.asked() == ["configure /can_bridge", "configure /controller"]
+
+
+@pytest.mark.parametrize("model", ["own.hydraulics.yaml", "model.yaml"])
+def test_an_identified_model_drives_the_machine_that_it_was_identified_on(
+    bringup: Callable[..., Bringup], tmp_path: Path, model: str
+) -> None:
+    """Its base parameters are no bodies, and its cylinders have an oil each: no rig could be it."""
+    shipped = shipped_robots()["xs031"]
+    urdf = shipped.with_name("xs031.urdf").read_text(encoding="utf-8")
+    own = urdf.replace('<robot name="xs031"', '<robot name="own"')
+    assert own != urdf
+    (tmp_path / "xs031.urdf").write_text(own, encoding="utf-8")
+    file, robot = tmp_path / "own.hydraulics.yaml", tmp_path / model
+    for one in (file, robot):
+        shutil.copy(shipped, one)
+    given = ("--rig", str(file)) if robot != file else ()
+    bringup("--sim", "--robot", str(robot), *given).until("reading")
+    rig = (tmp_path / "stub.rig").read_text(encoding="utf-8")
+    assert rig.startswith(f"--robot {file} --truth ideal --can ")
 
 
 def test_what_drives_is_said_by_the_bridge_and_a_trip_is_told_at_once(

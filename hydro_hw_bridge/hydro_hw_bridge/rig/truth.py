@@ -249,7 +249,8 @@ class Truth:
         moduli = {c.bulk_modulus_pa for c in robot.cylinders} or {1.0e9}
         if len(moduli) > 1:
             raise BridgeError(
-                f"robot {robot.name}: the rig has one oil, found bulk moduli {sorted(moduli)} Pa"
+                f"robot {robot.name}: the rig has one oil, found bulk moduli {sorted(moduli)} Pa;"
+                " where these were identified, give the rig the file that they were identified from"
             )
         return Truth(
             name="ideal",

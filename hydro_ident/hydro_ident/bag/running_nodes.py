@@ -111,7 +111,8 @@ class RunningNodes:
         listed = answer(client.list_parameters())
         names = sorted(listed.result.names) if listed is not None else []
         got = answer(client.get_parameters(names)) if names else None
-        if got is None:
+        # One that no longer has some of them answers with nothing at all.
+        if got is None or len(got.values) != len(names):
             return {}
         return dict(zip(names, map(parameter_value_to_python, got.values), strict=True))
 
