@@ -15,7 +15,7 @@ from hydro_ident.bag.record_walk import (
     MESSAGE,
     SCHEMA,
     RecordWalk,
-    bodies_of_rounds,
+    Round,
     round_of,
 )
 
@@ -46,10 +46,19 @@ def one_by_one(data: bytes) -> tuple[list[int], Noted, bool]:
 
 def walked(data: bytes, block: int) -> tuple[list[list[int]], Noted, bool]:
     """What it finds, piece by piece."""
+    return walked_all([data], block)[0]
+
+
+def walked_all(buffers: list[bytes], block: int) -> list[tuple[list[list[int]], Noted, bool]]:
+    """The same of buffers that are walked one after the other."""
     noted: Noted = []
-    walk = RecordWalk(data, lambda opcode, body: noted.append((opcode, body)))
-    pieces = [piece.tolist() for piece in walk.bodies(block)]
-    return pieces, noted, walk.whole
+    walk = RecordWalk(lambda opcode, body: noted.append((opcode, body)))
+    found = []
+    for data in buffers:
+        pieces = [piece.tolist() for piece in walk.bodies(data, block)]
+        found.append((pieces, noted.copy(), walk.whole))
+        noted.clear()
+    return found
 
 
 def joined(pieces: list[list[int]]) -> list[int]:
@@ -122,6 +131,74 @@ def test_any_buffer_is_walked_as_one_by_one(
     assert (joined(pieces), noted, whole) == one_by_one(data)
 
 
+_OPENING = b"".join(record(CHANNEL, 300) + record(MESSAGE, size) for size in [40, 22, 70, 22])
+_ROUND = b"".join(record(MESSAGE, size) for size in [40, 22, 70, 22])
+
+
+@pytest.mark.parametrize(
+    "then",
+    [
+        _OPENING + _ROUND * 5,
+        _OPENING + _ROUND * 2,
+        _OPENING + _ROUND * 5 + _OPENING,
+        (_OPENING + _ROUND * 2)[:-1],
+        _OPENING[:-1],
+        b"",
+        _OPENING.replace(record(CHANNEL, 300), record(SCHEMA, 300), 1) + _ROUND * 2,
+        _OPENING + record(MESSAGE, 39) + _ROUND * 2,
+        _ROUND * 9,
+    ],
+)
+def test_a_buffer_may_begin_as_the_one_before_did_or_not(then: bytes) -> None:
+    first = _OPENING + _ROUND * 50
+    buffers = [first, then, then, first]
+    found = walked_all(buffers, 1000)
+    assert [(joined(pieces), *rest) for pieces, *rest in found] == [
+        one_by_one(data) for data in buffers
+    ]
+
+
+def test_a_beginning_is_remembered() -> None:
+    data = _OPENING + _ROUND * 50
+    (_, _, _), (_, second, _), (_, third, _) = walked_all([data, data, data], 1000)
+    assert len(second) == 4
+    assert all(one is other for (_, one), (_, other) in zip(second, third, strict=True))
+
+
+def test_an_opening_is_not_passed_over_a_block() -> None:
+    data = _OPENING + _ROUND * 50
+    found = walked_all([data, data], 12)
+    assert all(len(piece) <= 12 for pieces, _, _ in found for piece in pieces)
+    walk = RecordWalk(lambda _opcode, _body: None)
+    assert [len(piece) for piece in walk.bodies(data, 1000)] == [12, 192]
+    assert [len(piece) for piece in walk.bodies(data, 10)][:2] == [10, 10]
+
+
+@given(
+    kinds=st.lists(_PARTS, min_size=1, max_size=3),
+    order=st.lists(st.tuples(st.integers(0, 2), st.integers(0, 2)), min_size=2, max_size=6),
+    block=st.integers(1, 50),
+)
+@settings(max_examples=200, deadline=None)
+def test_any_buffers_are_walked_one_after_the_other(
+    kinds: list[list[tuple[list[tuple[int, int]], int, bytes]]],
+    order: list[tuple[int, int]],
+    block: int,
+) -> None:
+    several = [
+        b"".join(
+            b"".join(record(*one) for one in round_) * times + odd for round_, times, odd in parts
+        )
+        for parts in kinds
+    ]
+    buffers = [several[a % len(several)] + several[b % len(several)] for a, b in order]
+    found = walked_all(buffers, block)
+    assert [(joined(pieces), *rest) for pieces, *rest in found] == [
+        one_by_one(data) for data in buffers
+    ]
+    assert all(len(piece) <= block for pieces, _, _ in found for piece in pieces)
+
+
 def test_a_round_is_the_shortest_that_came_twice() -> None:
     assert round_of(np.cumsum([0, 5, 7, 5, 7]).tolist()) == [5, 7]
     assert round_of(np.cumsum([0, 7, 5, 7, 5, 7]).tolist()) == [5, 7]
@@ -132,8 +209,8 @@ def test_a_round_is_the_shortest_that_came_twice() -> None:
 
 def test_of_a_round_that_is_not_whole_there_is_nothing() -> None:
     data = record(MESSAGE, 22) + record(MESSAGE, 30)
-    assert bodies_of_rounds(data, 0, [31, 39], 2).tolist() == [9, 40]
-    assert bodies_of_rounds(data, 0, [31, 39], 1).tolist() == []
-    assert bodies_of_rounds(data[:-1], 0, [31, 39], 2).tolist() == []
-    assert bodies_of_rounds(data, len(data), [31, 39], 2).tolist() == []
-    assert bodies_of_rounds(data, 0, [], 2).tolist() == []
+    assert Round([31, 39]).bodies(data, 0, 2).tolist() == [9, 40]
+    assert Round([31, 39]).bodies(data, 0, 1).tolist() == []
+    assert Round([31, 39]).bodies(data[:-1], 0, 2).tolist() == []
+    assert Round([31, 39]).bodies(data, len(data), 2).tolist() == []
+    assert Round([]).bodies(data, 0, 2).tolist() == []

@@ -32,6 +32,8 @@ MAX_RECORD_BYTES = 1 << 29
 _FREE_BYTES, _LARGEST_RATIO = 1 << 27, 100
 #: Records and chunks above this are asked for: four times their size goes through memory at once.
 _LARGE_BYTES, _TIMES = 1 << 24, 4
+#: Read from the file at once: beside every chunk are short records.
+_BUFFER_BYTES = 1 << 18
 #: Text of schemas, channels and metadata that is kept of one file.
 _DESCRIBED_BYTES = 1 << 26
 
@@ -68,7 +70,7 @@ class McapFile:
         self._data_crc = 0
         self._unfolded = self._described = 0
         self._summary_read = False
-        self._gathered = Gatherer()
+        self._walk, self._gathered = RecordWalk(self._note), Gatherer()
 
     def blocks(self) -> Iterator[MessageBlock]:
         """The messages in file order within each channel, block by block.
@@ -83,7 +85,7 @@ class McapFile:
             The file cannot be opened, is no MCAP file or has a chunk that no memory is left for.
         """
         try:
-            with open(self.path, "rb") as stream:
+            with open(self.path, "rb", _BUFFER_BYTES) as stream:
                 self.health.size_bytes = os.fstat(stream.fileno()).st_size
                 if self._read_magic(stream):
                     yield from self._records(stream)
@@ -251,14 +253,14 @@ class McapFile:
 
     def _messages(self, data: bytes, *, truncated: bool = False) -> Iterator[MessageBlock]:
         """Find the messages of a buffer; they are handed on together with those of others."""
-        walk, rows = RecordWalk(data, self._note), 0
-        for bodies in walk.bodies(BLOCK_ROWS):
+        rows = 0
+        for bodies in self._walk.bodies(data, BLOCK_ROWS):
             self._gathered.add(data, bodies)
             rows += bodies.size
             if rows == BLOCK_ROWS:
                 yield from self._handed_on()
                 rows = 0
-        if not walk.whole and not truncated:
+        if not self._walk.whole and not truncated:
             self.health.lose("a chunk ends inside a record: the rest of it left out")
         if self._gathered.full:
             yield from self._handed_on()

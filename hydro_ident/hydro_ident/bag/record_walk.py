@@ -3,7 +3,8 @@
 Only the length of a record tells where the next one begins, and from record to record Python takes
 longer than all else does that reads a bag. But a machine's messages come in rounds: cycle by cycle
 the same topics in the same order, as long as before. Where the last few did, numpy looks at the
-heads of all rounds that would follow; as far as each is the one expected, its record is there.
+heads of all rounds that would follow; as far as each is the one expected, its record is there. And
+most chunks begin as the one before did: there the rounds follow that followed then.
 """
 
 from __future__ import annotations
@@ -26,29 +27,30 @@ _FEWEST, _MOST = 12, 1024
 
 
 class RecordWalk:
-    """Finds the messages of a buffer that holds nothing but messages, schemas and channels.
+    """Finds the messages of buffers that hold nothing but messages, schemas and channels.
 
     Parameters
     ----------
-    data : bytes
     note : callable
         Given opcode and body of every other record.
 
     Attributes
     ----------
     whole : bool
-        The buffer ended with a record, as far as it was walked.
+        The last buffer ended with a record, as far as it was walked.
     """
 
-    def __init__(self, data: bytes, note: Callable[[int, bytes], None]) -> None:
-        self._data, self._note = data, note
+    def __init__(self, note: Callable[[int, bytes], None]) -> None:
+        self._note = note
+        self._opening: _Opening | None = None
         self.whole = True
 
-    def bodies(self, block: int) -> Iterator[NDArray[np.int64]]:
+    def bodies(self, data: bytes, block: int) -> Iterator[NDArray[np.int64]]:
         """Where bodies of message records begin, in order, piece by piece.
 
         Parameters
         ----------
+        data : bytes
         block : int
             Messages in a block: no piece goes beyond one.
 
@@ -58,10 +60,38 @@ class RecordWalk:
             A whole head is before each, and all that it declares, `MESSAGE_HEAD` bytes or more,
             behind.
         """
-        data, end, head = self._data, len(self._data), _HEAD.unpack_from
-        at, room, wait = 0, block, _FEWEST
+        at, room, wait, round_ = 0, block, _FEWEST, _NO_ROUND
+        opening, known = self._opening, False
+        if opening and opening.bodies.size <= block and opening.begins(data):
+            for opcode, body in opening.others:
+                self._note(opcode, body)
+            yield opening.bodies
+            at, round_, known = opening.end, opening.round, True
+            room = room - opening.bodies.size or block
+        while True:
+            rounds = round_.bodies(data, at, room)
+            if rounds.size:
+                if not known:
+                    self._opening, known = _Opening(data, at, round_), True
+                yield rounds
+                at += rounds.size // len(round_.sizes) * round_.size
+                room, wait = room - rounds.size or block, _FEWEST
+            most = min(wait, room)
+            found, at = self._one_by_one(data, at, most)
+            if found:
+                yield np.array(found, dtype=np.int64)
+            if len(found) < most:
+                break
+            # Before the first message of each channel a chunk describes it: not the first third.
+            round_ = Round(round_of([*found, at + _HEAD.size][len(found) // 3 :]))
+            room, wait = room - len(found) or block, min(2 * wait, _MOST)
+        self.whole = at == len(data)
+
+    def _one_by_one(self, data: bytes, at: int, most: int) -> tuple[list[int], int]:
+        """Bodies of at most so many messages, fewer at the end of it all; and the place behind."""
+        end, head = len(data), _HEAD.unpack_from
         found: list[int] = []
-        while at + _HEAD.size <= end:
+        while len(found) < most and at + _HEAD.size <= end:
             opcode, length = head(data, at)
             body = at + _HEAD.size
             if length > end - body:
@@ -73,21 +103,7 @@ class RecordWalk:
             else:
                 break
             at = body + length
-            if len(found) < min(wait, room):
-                continue
-            # Before the first message of each channel a chunk describes it: not the first third.
-            sizes = round_of([*found, at + _HEAD.size][len(found) // 3 :])
-            yield np.array(found, dtype=np.int64)
-            room = room - len(found) or block
-            rounds = bodies_of_rounds(data, at, sizes, room)
-            found, wait = [], min(2 * wait, _MOST)
-            if rounds.size:
-                yield rounds
-                at += rounds.size // len(sizes) * sum(sizes)
-                room, wait = room - rounds.size or block, _FEWEST
-        if found:
-            yield np.array(found, dtype=np.int64)
-        self.whole = at == end
+        return found, at
 
 
 def round_of(bodies: Sequence[int]) -> list[int]:
@@ -111,35 +127,85 @@ def round_of(bodies: Sequence[int]) -> list[int]:
     return []
 
 
-def bodies_of_rounds(data: bytes, at: int, sizes: Sequence[int], most: int) -> NDArray[np.int64]:
-    """Bodies of the messages that follow in rounds.
+class Round:
+    """Messages that come again and again in the same order, as long as before.
 
     Parameters
     ----------
-    data : bytes
-    at : int
-        Where the first record would begin.
     sizes : sequence of int
         Of a round's records, heads included; `MESSAGE_HEAD` or more behind each head. Of none
         there are no messages.
-    most : int
-        Messages.
 
-    Returns
-    -------
-    (N,) int64 array
-        Of whole rounds, in order.
+    Attributes
+    ----------
+    sizes : sequence of int
+    size : int
+        Of the round.
     """
-    size = sum(sizes)
-    count = min((len(data) - at) // size, most // len(sizes)) if sizes else 0
-    if count == 0:
-        return np.zeros(0, dtype=np.int64)
-    begins = np.cumsum([0, *sizes[:-1]])
-    heads = [_HEAD.pack(MESSAGE, one - _HEAD.size) for one in sizes]
-    rounds = np.frombuffer(data, np.uint8, count * size, at).reshape(count, size)
-    places = (begins[:, None] + np.arange(_HEAD.size)).ravel()
-    expected = np.frombuffer(b"".join(heads), np.uint8)
-    differs = (rounds[:, places] != expected).any(axis=1)
-    same = int(np.argmax(differs)) if differs.any() else count
-    starts = at + size * np.arange(same)[:, None]
-    return np.asarray(starts + begins + _HEAD.size, dtype=np.int64).ravel()
+
+    def __init__(self, sizes: Sequence[int]) -> None:
+        self.sizes, self.size = sizes, sum(sizes)
+        begins = np.cumsum([0, *sizes], dtype=np.int64)[:-1]
+        self._bodies = begins + _HEAD.size
+        self._heads = b"".join(_HEAD.pack(MESSAGE, one - _HEAD.size) for one in sizes)
+        self._places = (begins[:, None] + np.arange(_HEAD.size)).ravel()
+
+    def bodies(self, data: bytes, at: int, most: int) -> NDArray[np.int64]:
+        """Bodies of the messages that follow in rounds.
+
+        Parameters
+        ----------
+        data : bytes
+        at : int
+            Where the first record would begin.
+        most : int
+            Messages.
+
+        Returns
+        -------
+        (N,) int64 array
+            Of whole rounds, in order.
+        """
+        if not self.sizes:
+            return np.zeros(0, dtype=np.int64)
+        count = min((len(data) - at) // self.size, most // len(self.sizes))
+        rounds = np.frombuffer(data, np.uint8, count * self.size, at).reshape(count, self.size)
+        heads = rounds.take(self._places, axis=1)
+        if heads.tobytes() != self._heads * count:
+            # Where the first other one is, takes longer to find.
+            expected = np.frombuffer(self._heads, np.uint8)
+            count = int(np.argmax((heads != expected).any(axis=1)))
+        starts = np.arange(at, at + self.size * count, self.size, dtype=np.int64)
+        return (starts[:, None] + self._bodies).ravel()
+
+
+_NO_ROUND = Round(())
+
+
+class _Opening:
+    """How a buffer begins up to its first rounds.
+
+    `data` is the buffer, `end` where they begin, `round_` what they are.
+    """
+
+    def __init__(self, data: bytes, end: int, round_: Round) -> None:
+        self.round, self.end = round_, end
+        self.others: list[tuple[int, bytes]] = []
+        #: All but the bodies of messages: where it is, and what.
+        self._same: list[tuple[int, bytes]] = []
+        bodies = []
+        at = before = 0
+        while at < end:
+            opcode, length = _HEAD.unpack_from(data, at)
+            body, at = at + _HEAD.size, at + _HEAD.size + length
+            if opcode == MESSAGE:
+                bodies.append(body)
+                self._same.append((before, data[before:body]))
+                before = at
+            else:
+                self.others.append((opcode, data[body:at]))
+        self.bodies = np.array(bodies, dtype=np.int64)
+
+    def begins(self, data: bytes) -> bool:
+        """Whether a buffer begins so, with the same descriptions of its channels."""
+        return len(data) >= self.end and all(data.startswith(b, at) for at, b in self._same)
