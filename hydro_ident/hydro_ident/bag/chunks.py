@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import struct
+import threading
 import zlib
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from hydro_ident.errors import BagError
 
+if TYPE_CHECKING:
+    from zstandard import ZstdDecompressor
+
+_KEPT = threading.local()
 _FIXED = struct.Struct("<QQQII")  # start, end, uncompressed size, crc, length of compression name
 
 
@@ -115,9 +121,20 @@ def _zstd(packed: bytes, size: int) -> bytes:
             raise ChunkError(f"it declares {size} bytes and its frame {declared}")
         if declared < 0:
             return _zstd_stream(packed, size)
-        return bytes(zstandard.ZstdDecompressor().decompress(packed, max_output_size=size))
+        return bytes(_decompressor().decompress(packed, max_output_size=size))
     except zstandard.ZstdError:
         return _zstd_stream(packed, size)
+
+
+def _decompressor() -> ZstdDecompressor:
+    """That of this thread: making one takes as long as unfolding some ten thousand bytes."""
+    import zstandard
+
+    try:
+        kept: ZstdDecompressor = _KEPT.decompressor
+    except AttributeError:
+        kept = _KEPT.decompressor = zstandard.ZstdDecompressor()
+    return kept
 
 
 def _zstd_stream(packed: bytes, size: int) -> bytes:
