@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 #: Messages are handed on once they are so many, or their buffers of this size.
@@ -86,19 +85,39 @@ class Gatherer:
         data = self._data[0] if len(self._data) == 1 else b"".join(self._data)
         bodies = np.concatenate(self._bodies)
         self._data, self._bodies, self._bytes, self._rows = [], [], 0, 0
-        buffer = np.frombuffer(data, dtype=np.uint8)
-        heads = sliding_window_view(buffer, _RECORD.itemsize)[bodies - 8]
-        records = np.ascontiguousarray(heads).view(_RECORD)[:, 0]
-        order = np.argsort(records["channel"], kind="stable")
-        channels, firsts = np.unique(records["channel"][order], return_index=True)
-        groups = np.split(order, firsts[1:])
-        for i in np.argsort([group[0] for group in groups]):
-            group = groups[i]
+        # As bytes without fields numpy copies records several times as fast.
+        heads = rows_at(data, bodies - 8, _RECORD.itemsize)
+        order = np.argsort(heads.view(_RECORD)["channel"], kind="stable")
+        bodies, records = bodies[order], heads[order].view(_RECORD)
+        channels = records["channel"]
+        bounds = [0, *(np.flatnonzero(channels[1:] != channels[:-1]) + 1).tolist(), len(order)]
+        for i in np.argsort(order[bounds[:-1]]):
+            group = slice(bounds[i], bounds[i + 1])
             yield Gathered(
-                int(channels[i]),
+                int(channels[group.start]),
                 data,
                 bodies[group] + MESSAGE_HEAD,
                 records["length"][group].astype(np.int64) - MESSAGE_HEAD,
                 records["log_ns"][group].astype(np.int64),
                 records["publish_ns"][group].astype(np.int64),
             )
+
+
+def rows_at(data: bytes, begins: NDArray[np.int64], size: int) -> NDArray[np.void]:
+    """Pieces of a buffer that are of one size.
+
+    Parameters
+    ----------
+    data : bytes
+    begins : (N,) int64 array
+        Where they begin.
+    size : int
+        Of each; it ends within the buffer.
+
+    Returns
+    -------
+    (N,) array
+        Copied, side by side, of `size` bytes each.
+    """
+    every: NDArray[np.void] = np.ndarray((len(data) - size + 1,), f"V{size}", data, strides=(1,))
+    return every[begins]

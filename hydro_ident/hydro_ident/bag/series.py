@@ -6,12 +6,12 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from hydro_ident.bag.entries import Entries, EntryMaker, repeated
+from hydro_ident.bag.mcap_gather import rows_at
 from hydro_ident.bag.mcap_types import MessageBlock
 from hydro_ident.errors import BagError
-from hydro_model.arrays import BoolArray, ByteArray, FloatArray, IntArray
+from hydro_model.arrays import BoolArray, FloatArray, IntArray
 from hydro_msgs_docs.cdr import FIELDS, JOINT_STATE, CdrError, Layout, layout_of
 
 #: Layouts kept per topic; a topic with more is decoded all the same, only slower.
@@ -148,11 +148,10 @@ class SeriesBuilder:
 
     def add(self, block: MessageBlock) -> None:
         """Decode a block of messages."""
-        buffer = np.frombuffer(block.data, dtype=np.uint8)
         left = np.arange(len(block.offset))
         others = EntryMaker()
         for layout in self._layouts:
-            left = self._take(layout, buffer, block, left)
+            left = self._take(layout, block, left)
         while len(left):
             first = int(left[0])
             begin = int(block.offset[first])
@@ -166,7 +165,7 @@ class SeriesBuilder:
                 continue
             if len(self._layouts) < _KEPT_LAYOUTS:
                 self._layouts.append(layout)
-                left = self._take(layout, buffer, block, left)
+                left = self._take(layout, block, left)
             else:
                 others.add(first + self._count, message, layout)
                 left = left[1:]
@@ -185,19 +184,18 @@ class SeriesBuilder:
         self.twice = tuple(dict.fromkeys((*self.twice, *repeated(layout.names))))
         return layout
 
-    def _take(
-        self, layout: Layout, buffer: ByteArray, block: MessageBlock, left: IntArray
-    ) -> IntArray:
+    def _take(self, layout: Layout, block: MessageBlock, left: IntArray) -> IntArray:
         """Decode those of the messages `left` that have this layout; returns the others."""
-        fits = block.length[left] >= layout.size
-        if not fits.any():
+        here = block.length[left] >= layout.size
+        if not here.any():
             return left
-        candidates = left[fits]
-        rows = sliding_window_view(buffer, layout.size)[block.offset[candidates]]
+        pieces = rows_at(block.data, block.offset[left[here]], layout.size)
+        rows = pieces.view(np.uint8).reshape(-1, layout.size)
         matches = layout.matches(rows)
         if not matches.all():
             rows = rows[matches]
-        taken = candidates[matches]
+            here[here] = matches
+        taken = left[here]
         if len(taken):
             fields = {
                 name: layout.field(rows, name) for name, at in layout.values.items() if at[1]
@@ -211,7 +209,7 @@ class SeriesBuilder:
             self._pieces.append(piece)
             self.held_bytes += sum(v.nbytes for v in (*fields.values(), stamps, piece.row))
             self._span(stamps)
-        return left[:0] if len(taken) == len(left) else np.setdiff1d(left, taken)
+        return left[:0] if len(taken) == len(left) else left[~here]
 
     def _keep(self, entries: Entries) -> None:
         self._entries.append(entries)
@@ -292,12 +290,16 @@ class SeriesBuilder:
         read = np.zeros(self._count, dtype=np.bool_)
         fields = {n: np.full((self._count, k), np.nan) for n, k in widths.items()}
         for piece in self._pieces:
-            stamp_ns[piece.row] = piece.stamp_ns
-            read[piece.row] = True
+            row = _in_a_row(piece.row)
+            stamp_ns[row] = piece.stamp_ns
+            read[row] = True
             named = np.array([at[n] for n in piece.names], dtype=np.int64)
             for name, values in piece.fields.items():
-                columns = named if len(names) else np.arange(values.shape[1])
-                fields[name][piece.row[:, None], columns] = values
+                columns = _in_a_row(named if len(names) else np.arange(values.shape[1]))
+                if isinstance(row, slice) or isinstance(columns, slice):
+                    fields[name][row, columns] = values
+                else:
+                    fields[name][row[:, None], columns] = values
         for entries in self._entries:
             stamp_ns[entries.row] = entries.stamp_ns
             read[entries.row] = True
@@ -316,3 +318,10 @@ class SeriesBuilder:
             self._malformed,
             self._why,
         )
+
+
+def _in_a_row(at: IntArray) -> IntArray | slice:
+    """Places as a slice where they follow one another: numpy gets there several times as fast."""
+    if len(at) and bool((np.diff(at) == 1).all()):
+        return slice(int(at[0]), int(at[-1]) + 1)
+    return at
