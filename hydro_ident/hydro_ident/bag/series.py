@@ -189,13 +189,13 @@ class SeriesBuilder:
         here = block.length[left] >= layout.size
         if not here.any():
             return left
-        pieces = rows_at(block.data, block.offset[left[here]], layout.size)
+        taken = left if here.all() else left[here]
+        pieces = rows_at(block.data, block.offset[taken], layout.size)
         rows = pieces.view(np.uint8).reshape(-1, layout.size)
         matches = layout.matches(rows)
         if not matches.all():
-            rows = rows[matches]
+            rows, taken = rows[matches], taken[matches]
             here[here] = matches
-        taken = left[here]
         if len(taken):
             fields = {
                 name: layout.field(rows, name) for name, at in layout.values.items() if at[1]
