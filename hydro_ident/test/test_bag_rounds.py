@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from hydro_ident.bag.mcap_gather import MESSAGE_HEAD
 from hydro_ident.bag.record_walk import (
     CHANNEL,
+    LONGEST_OPENING,
     MESSAGE,
     SCHEMA,
     RecordWalk,
@@ -163,6 +164,13 @@ def test_a_beginning_is_remembered() -> None:
     (_, _, _), (_, second, _), (_, third, _) = walked_all([data, data, data], 1000)
     assert len(second) == 4
     assert all(one is other for (_, one), (_, other) in zip(second, third, strict=True))
+
+
+def test_a_long_beginning_is_not_remembered() -> None:
+    data = record(CHANNEL, LONGEST_OPENING) + _OPENING + _ROUND * 50
+    (_, first, _), (_, second, _), (_, third, _) = walked_all([data, data, data], 1000)
+    assert first == second == third
+    assert not any(one is other for (_, one), (_, other) in zip(second, third, strict=True))
 
 
 def test_an_opening_is_not_passed_over_a_block() -> None:

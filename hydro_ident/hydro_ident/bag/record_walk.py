@@ -24,6 +24,8 @@ _HEAD = struct.Struct("<BQ")
 #: After so many messages one by one a round is looked for; after twice as many each time that
 #: there was none, up to the most: a look costs as much as a few dozen of them.
 _FEWEST, _MOST = 12, 1024
+#: Bytes up to the first rounds beyond which these are not remembered.
+LONGEST_OPENING = 1 << 18
 
 
 class RecordWalk:
@@ -71,8 +73,9 @@ class RecordWalk:
         while True:
             rounds = round_.bodies(data, at, room)
             if rounds.size:
-                if not known:
-                    self._opening, known = _Opening(data, at, round_), True
+                if not known and at <= LONGEST_OPENING:
+                    self._opening = _Opening(data, at, round_)
+                known = True
                 yield rounds
                 at += rounds.size // len(round_.sizes) * round_.size
                 room, wait = room - rounds.size or block, _FEWEST
@@ -83,7 +86,8 @@ class RecordWalk:
             if len(found) < most:
                 break
             # Before the first message of each channel a chunk describes it: not the first third.
-            round_ = Round(round_of([*found, at + _HEAD.size][len(found) // 3 :]))
+            sizes = round_of([*found, at + _HEAD.size][len(found) // 3 :])
+            round_ = Round(sizes) if sizes else _NO_ROUND
             room, wait = room - len(found) or block, min(2 * wait, _MOST)
         self.whole = at == len(data)
 
