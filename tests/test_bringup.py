@@ -123,13 +123,11 @@ def test_an_identified_model_drives_the_machine_that_it_was_identified_on(
 ) -> None:
     """Its base parameters are no bodies, and its cylinders have an oil each: no rig could be it."""
     shipped = shipped_robots()["xs031"]
-    urdf = shipped.with_name("xs031.urdf").read_text(encoding="utf-8")
-    own = urdf.replace('<robot name="xs031"', '<robot name="own"')
-    assert own != urdf
-    (tmp_path / "xs031.urdf").write_text(own, encoding="utf-8")
+    shutil.copy(shipped.with_name("xs031.urdf"), tmp_path)
+    text = shipped.read_text(encoding="utf-8")
     file, robot = tmp_path / "own.hydraulics.yaml", tmp_path / model
     for one in (file, robot):
-        shutil.copy(shipped, one)
+        one.write_text(text.replace("robot: xs031", "robot: own"), encoding="utf-8")
     given = ("--rig", str(file)) if robot != file else ()
     bringup("--sim", "--robot", str(robot), *given).until("reading")
     rig = (tmp_path / "stub.rig").read_text(encoding="utf-8")
