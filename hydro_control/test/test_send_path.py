@@ -31,13 +31,16 @@ def test_a_path_whose_time_is_over_is_not_sent_however_it_went_by(
         now[0] += stopped_s
         return True
 
+    node = SimpleNamespace(context=SimpleNamespace(get_domain_id=lambda: 7))
     clock = SimpleNamespace(monotonic=lambda: now[0], sleep=lambda _s: None)
     monkeypatch.setattr(send_path, "time", clock)
     monkeypatch.setattr(send_path, "_is_heard", heard)
     if not stopped_s:
-        _deliver(None, publisher, "path", 5.0)
+        _deliver(node, publisher, "path", 5.0)
         assert publisher.sent == ["path"]
         return
-    with pytest.raises(SendError, match=r"no controller listens on /tip_path within 5 s"):
-        _deliver(None, publisher, "path", 5.0)
+    with pytest.raises(
+        SendError, match=r"no controller listens on /tip_path within 5 s in ROS domain 7"
+    ):
+        _deliver(node, publisher, "path", 5.0)
     assert publisher.sent == []

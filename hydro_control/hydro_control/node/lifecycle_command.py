@@ -37,7 +37,6 @@ _TRANSITIONS = {
     "cleanup": "unconfigured",
     "shutdown": "finalized",
 }
-_NOBODY = "no node answers at {} within {:g} s: is it up?"
 #: Of what `--json` writes.
 SCHEMA = "hydro_control/lifecycle/1"
 
@@ -187,13 +186,25 @@ def _several(node: Any, target: str, service: str = "change_state") -> str:
     return f"{count} nodes are called {target} in ROS domain {node.context.get_domain_id()}"
 
 
+def _nobody(node: Any, service: str, timeout_s: float) -> TransitionError:
+    """The error of a service that nobody offers."""
+    name, _, asked = service.rpartition("/")
+    if name in node.get_fully_qualified_node_names():
+        return TransitionError(f"{name} is there, and offers no {asked} within {timeout_s:g} s")
+    domain = node.context.get_domain_id()
+    return TransitionError(
+        f"no node answers at {service} within {timeout_s:g} s in ROS domain {domain}: is it up"
+        " there?"
+    )
+
+
 def _refuse_several(node: Any, target: str, asked: str, timeout_s: float) -> None:
     """Refuse where one request would reach more than one node: another machine's does it, too."""
     service = {"get": "get_state", CLEAR_TRIP: CLEAR_TRIP}.get(asked, "change_state")
     end = time.monotonic() + timeout_s
     while not _found(node, target, service):
         if time.monotonic() > end:
-            raise TransitionError(_NOBODY.format(f"{target}/{service}", timeout_s))
+            raise _nobody(node, f"{target}/{service}", timeout_s)
         time.sleep(0.02)
     if several := _several(node, target, service):
         raise TransitionError(
@@ -255,7 +266,7 @@ def _call(
     end = time.monotonic() + timeout_s
     client = node.create_client(kind, service) if client is None else client
     if not client.wait_for_service(timeout_sec=timeout_s):
-        raise TransitionError(_NOBODY.format(service, timeout_s))
+        raise _nobody(node, service, timeout_s)
     while True:
         left = max(0.1, end - time.monotonic())
         future = client.call_async(request)

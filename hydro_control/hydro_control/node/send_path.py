@@ -161,8 +161,10 @@ def _deliver(node: Any, publisher: Any, message: Any, timeout_s: float) -> None:
         heard = _is_heard(node, publisher)
         # Also of a process that had been stopped: what it was to send is out of date by now.
         if time.monotonic() > end:
+            domain = node.context.get_domain_id()
             raise SendError(
-                f"no controller listens on {publisher.topic_name} within {timeout_s:g} s"
+                f"no controller listens on {publisher.topic_name} within {timeout_s:g} s in ROS"
+                f" domain {domain}"
             )
         if not heard:
             time.sleep(0.02)

@@ -204,7 +204,11 @@ def test_a_listener_that_is_no_controller_is_none_to_send_a_path_to(
     machine.listen(topics.JOINT_TRAJECTORY)
     sent = run_module("send_path", str(path), "--timeout", "5")
     assert sent.returncode == 1
-    assert sent.stderr == "send_path: no controller listens on /joint_trajectory within 5 s\n"
+    domain = machine.context.get_domain_id()
+    assert sent.stderr == (
+        "send_path: no controller listens on /joint_trajectory within 5 s in ROS domain"
+        f" {domain}\n"
+    )
     assert not wait_for(lambda: bool(machine.heard[topics.JOINT_TRAJECTORY]), 0.5)
 
 
@@ -235,6 +239,7 @@ def test_bad_input_is_one_line_and_exit_2(
 
 
 def test_lifecycle_command_says_what_is_open(
+    machine: Any,
     controller: Callable[..., subprocess.Popen[str]],
     run_module: Callable[..., Any],
     patience_s: float,
@@ -254,7 +259,12 @@ def test_lifecycle_command_says_what_is_open(
         assert (told["node"], told["asked"], told["state"]) == ("/controller", asked, "inactive")
     absent = run_module("lifecycle_command", "get", "nobody", "--timeout", "0.2")
     assert absent.returncode == 1
-    assert "no node answers at /nobody/get_state" in absent.stderr
+    domain = machine.context.get_domain_id()
+    expected = f"no node answers at /nobody/get_state within 0.2 s in ROS domain {domain}"
+    assert expected in absent.stderr
+    other = run_module("lifecycle_command", "clear_trip", "controller", "--timeout", "5")
+    assert other.returncode == 1
+    assert "/controller is there, and offers no clear_trip within 5 s" in other.stderr
     assert run_module("lifecycle_command", "fly", "controller").returncode == 2
 
 
