@@ -121,7 +121,7 @@ def test_a_rehearsal_takes_a_domain_that_nobody_uses(
 def test_an_identified_model_drives_the_machine_that_it_was_identified_on(
     bringup: Callable[..., Bringup], tmp_path: Path, model: str
 ) -> None:
-    """Its base parameters are no bodies, and its cylinders have an oil each: no rig could be it."""
+    """Its base parameters are no bodies, its cylinders have an oil each: no rig could be it."""
     shipped = shipped_robots()["xs031"]
     shutil.copy(shipped.with_name("xs031.urdf"), tmp_path)
     text = shipped.read_text(encoding="utf-8")

@@ -54,7 +54,12 @@ PARAMETERS = (
         1e5,
     ),
     ParameterRule(
-        "max_age_ms", 10.0, "ms", "age of a command at which the gate trips, device time", 2, 50
+        "max_age_ms",
+        10.0,
+        "ms",
+        "age of a command at which the gate trips, device time; two cycles of the device or more",
+        2,
+        50,
     ),
     ParameterRule(
         "min_supply_pa",
