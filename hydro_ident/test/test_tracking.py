@@ -220,6 +220,17 @@ def test_what_could_not_be_read_or_checked_is_said(
     assert said == [f"compare_tracking: warning: run: {warning}" for warning in warnings]
 
 
+def test_the_truth_of_another_run_is_refused(tmp_path, bag, capsys) -> None:
+    """All runs count their samples from 0: any side file has a row for each cycle."""
+    with np.load(tmp_path / "truth.npz") as data:
+        rows = data["rows"]
+    for name, shift, code in (("near", 0.09, 0), ("other", 0.11, 2)):
+        path = tmp_path / f"{name}.npz"
+        _save_truth(path, rows[:, 1], rows[:, 2:] + [0.0, shift, 0.0])
+        assert main([str(bag), "--truth", str(path)]) == code
+        assert ("is this file of another run" in capsys.readouterr().err) == (code == 2)
+
+
 def test_a_run_that_was_cut_short_is_void(tmp_path, bag, capsys) -> None:
     """It has less error than one that went all the way, and is no better for that."""
     short, truth = _tip_bag(tmp_path, "short", 600), tmp_path / "truth.npz"

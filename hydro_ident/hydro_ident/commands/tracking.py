@@ -113,7 +113,7 @@ def tracking_of(bag: Bag, robot: Robot, truth: Path | None = None) -> dict[str, 
     Raises
     ------
     BagError
-        As `recording_of`.
+        As `recording_of` and `true_tip_m`.
     NotEnoughDataError
         No tip reference, or a joint without a position; the reference or the tip never moves.
     """
@@ -135,7 +135,7 @@ def tracking_of(bag: Bag, robot: Robot, truth: Path | None = None) -> dict[str, 
     tip_m = np.asarray(tip_position(robot, recording.q))
     rows = {"encoders": tracking(stamps, tip_m, reference, half_width=ENCODER_HALF_WIDTH)}
     if truth is not None:
-        tip_m = true_tip_m(truth, bag, recording)
+        tip_m = true_tip_m(truth, bag, recording, tip_m)
         rows["truth"] = tracking(stamps, tip_m, reference, half_width=TRUTH_HALF_WIDTH)
     return rows
 

@@ -19,11 +19,18 @@ from hydro_ident.errors import BagError
 #: What the rig writes into its file (`hydro_hw_bridge.rig.truth_log`).
 SCHEMA = "hydro_hw_bridge/truth_log/1"
 ZERO_STAMP_KEY = "sample_zero_stamp_ns"
+#: Encoders, bending links and lash make the tip centimetres off; in the median of a run no more
+#: than this, m.
+_OTHER_RUN_M = 0.1
 _COLUMNS = ("counter", "tip/x", "tip/y", "tip/z")
 
 
-def true_tip_m(path: Path, bag: Bag, recording: Recording) -> NDArray[np.float64]:
+def true_tip_m(
+    path: Path, bag: Bag, recording: Recording, encoders_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """The true tip at each cycle of a recording.
+
+    Every run begins at sample 0, so that the counters alone would let any run's file pass.
 
     Parameters
     ----------
@@ -33,6 +40,8 @@ def true_tip_m(path: Path, bag: Bag, recording: Recording) -> NDArray[np.float64
     bag : Bag
         The recording's bag, with its diagnostics.
     recording : Recording
+    encoders_m : (N, 3) array
+        The tip by the encoders at each cycle.
 
     Returns
     -------
@@ -42,8 +51,8 @@ def true_tip_m(path: Path, bag: Bag, recording: Recording) -> NDArray[np.float64
     Raises
     ------
     BagError
-        Unreadable file or one of another schema, no stamp of sample 0 in the bag, or no cycle in
-        common.
+        Unreadable file or one of another schema, no stamp of sample 0 in the bag, no cycle in
+        common, or a tip that is somewhere else than the encoders' throughout.
     """
     counter, tip_m = _read(path)
     period_ns = round(1e9 / recording.robot.sensors.rate_hz)
@@ -55,6 +64,14 @@ def true_tip_m(path: Path, bag: Bag, recording: Recording) -> NDArray[np.float64
         raise BagError(f"{path}: no sample of this file has a stamp of {bag.path}")
     tip = np.full((len(recording), 3), np.nan)
     tip[there] = tip_m[first[at[there]]]
+    apart = np.linalg.norm(tip - encoders_m, axis=1)
+    known = apart[np.isfinite(apart)]
+    if known.size and (median_m := float(np.median(known))) > _OTHER_RUN_M:
+        raise BagError(
+            f"{path}: expected the true tip within {_OTHER_RUN_M:g} m of the encoders' in"
+            f" {bag.path}, found it {median_m:.3g} m away (median): is this file of another run,"
+            " or the robot another one?"
+        )
     return tip
 
 
