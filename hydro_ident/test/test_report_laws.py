@@ -13,7 +13,7 @@ import pytest
 from hydro_ident.commands.diagnose import summary_text
 from hydro_ident.identify.results import Provenance
 from hydro_ident.mismatch.answer.diagnosis import diagnose
-from hydro_ident.mismatch.answer.diagnosis_file import as_modelled, result_json
+from hydro_ident.mismatch.answer.diagnosis_file import as_modelled, finding_dict, result_json
 from hydro_ident.mismatch.answer.not_testable import NotTestable
 from hydro_ident.mismatch.answer.outcome import NO_IMPROVEMENT, UNKNOWN, Diagnosis
 from hydro_ident.mismatch.locating.dependence import Dependence
@@ -183,6 +183,14 @@ def test_a_number_of_the_model_that_is_at_its_bound_is_said_to_be_in_it() -> Non
     loose = ParameterRow("x: force", 10.0, (-5.0, 25.0), "N", None, "", False, "lift")
     name = "lift_cylinder.coulomb_friction.force"
     assert "the value found is in the model" in beside_bound(loose, name).below
+
+
+@pytest.mark.thorough
+def test_no_probability_of_a_finding_is_above_one(bristling: Diagnosis) -> None:
+    """A name alone had 1.0000000000000002, its share of its own sum."""
+    one = bristling.findings[0]
+    above = replace(one, named=replace(one.named, probability=(float(np.nextafter(1.0, 2.0)),)))
+    assert finding_dict(bristling, above)["probability"] == [1.0]
 
 
 @pytest.mark.thorough

@@ -134,7 +134,8 @@ def finding_dict(found: Diagnosis, one: Finding) -> dict[str, Any]:
         "target": named.term.target,
         "where": place,
         "names": list(named.names),
-        "probability": list(named.probability),
+        # Shares that were divided by their sum may add up to a last digit above one.
+        "probability": [min(p, 1.0) for p in named.probability],
         "p_value": named.p_value,
         "equation": effect.equation,
         "parameters": parameters_of(fitted, term),
