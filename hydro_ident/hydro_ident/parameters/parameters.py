@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from hydro_ident.estimate.flows.chambers import INVERSE_BULK, OVER_BULK
-from hydro_ident.estimate.flows.cylinder_fit import BULK_BOUNDS_PA, CylinderFit
+from hydro_ident.estimate.flows.cylinder_fit import CylinderFit
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit
 from hydro_ident.estimate.forces.inertial import InertialFit
 from hydro_ident.parameters.parameter_names import parts_of
+from hydro_ident.robots.robot_numbers import BULK_BOUNDS_PA
 from hydro_model.effects.units import effect_units, unit_at_joint
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, FloatArray, Robot
 

@@ -33,6 +33,8 @@ SMALL_LEVER = 0.25
 CLOSE_END = 0.02
 #: Share of what the supply gives above which a load at rest leaves little to move with.
 HEAVY = 0.8
+#: Links of hydraulic arms have more.
+_LIGHT_KG = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +229,11 @@ def _bodies(robot: Robot) -> Iterator[Remark]:
     for name, values in zip(robot.link_names, datasheet_inertia(robot), strict=True):
         if values[0] == 0.0:
             yield Remark(WARNING, name, "no mass in the URDF")
-        elif wrong := _impossible(values):
+            continue
+        if robot.cylinders and 0.0 < values[0] < _LIGHT_KG:
+            text = f"mass {values[0]:g} kg, of a hydraulic arm: in t, or a placeholder?"
+            yield Remark(WARNING, name, text)
+        if wrong := _impossible(values):
             yield Remark(WARNING, name, f"no body has these inertias: {wrong}")
 
 

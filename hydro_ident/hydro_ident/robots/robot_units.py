@@ -6,11 +6,12 @@ are off by a factor of ten and more, and not to judge a design.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
 from hydro_ident.everyday_units import EDGE_DROP_PA, L_MIN, LENGTHS_M, PRESSURES_PA
+from hydro_ident.robots.robot_numbers import meant, number_errors, number_warnings
 from hydro_ident.robots.robot_ranges import CylinderRange
 from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
 
@@ -26,7 +27,7 @@ _LEVERS = 3.0
 _SUPPLY_BAR, _USUAL_BAR = (10.0, 700.0), (50.0, 400.0)
 #: Nominal flow of a valve at 35 bar over one edge, l/min: from miniature servo valves to big
 #: three-stage ones; and what is usual.
-_FLOWS, _USUAL_FLOWS = (0.5, 2000.0), (1.0, 1000.0)
+FLOWS_L_MIN, _USUAL_FLOWS = (0.5, 2000.0), (1.0, 1000.0)
 #: A full stroke at full opening and the whole supply over one edge, s.
 _STROKE_S = (0.05, 120.0)
 
@@ -51,6 +52,17 @@ _VALVE_MISTAKES = {
 }
 
 
+def edge_l_min(coefficient: float) -> float:
+    """Flow over an edge at full opening and 35 bar, l/min.
+
+    Parameters
+    ----------
+    coefficient : float
+        m^3/(s sqrt(Pa)).
+    """
+    return float(coefficient * np.sqrt(EDGE_DROP_PA) * L_MIN)
+
+
 def geometry_errors(robot: Robot) -> Iterator[tuple[str, str]]:
     """Joint limits in degrees and links in another unit than metres.
 
@@ -71,7 +83,7 @@ def geometry_errors(robot: Robot) -> Iterator[tuple[str, str]]:
     longest = max((_length_m(c) for c in robot.cylinders), default=0.0)
     if arm > _ARM_M and 0.0 < _REACHES * longest < arm:
         text = f"an arm of {arm:.4g} m in the URDF, the longest cylinder has {longest:.3g} m"
-        yield "links", text + _meant(arm, _LENGTHS, (0.5 * longest, _REACHES * longest), "m")
+        yield "links", text + meant(arm, _LENGTHS, (0.5 * longest, _REACHES * longest), "m")
 
 
 def _degrees(robot: Robot) -> Iterator[tuple[str, str]]:
@@ -108,6 +120,8 @@ def unit_errors(robot: Robot, ranges: tuple[CylinderRange, ...]) -> Iterator[tup
     found += _supply(robot)
     yield from found
     odd = {about for about, _ in found}
+    # So does a range that is below a supply in another unit.
+    yield from (e for e in number_errors(robot) if e[0] != "sensors" or "supply" not in odd)
     for valve, cylinder in _valves(robot):
         # A time that follows from another error says nothing of the valve.
         if not odd & {cylinder.name, "supply"}:
@@ -117,14 +131,14 @@ def unit_errors(robot: Robot, ranges: tuple[CylinderRange, ...]) -> Iterator[tup
 def _lengths(r: CylinderRange, arm_m: float) -> Iterator[tuple[str, str]]:
     c = r.cylinder
     if c.bore_m > _BORES_M[1]:
-        yield c.name, f"bore {c.bore_m:g} m{_meant(c.bore_m, _LENGTHS, _BORES_M, 'm')}"
+        yield c.name, f"bore {c.bore_m:g} m{meant(c.bore_m, _LENGTHS, _BORES_M, 'm')}"
     if c.stroke_m > _STROKES_M[1]:
-        meant = _meant(c.stroke_m, _LENGTHS, (_STROKES_M[0], _LONG_M), "m")
-        yield c.name, f"stroke {c.stroke_m:g} m{meant}"
+        likely = meant(c.stroke_m, _LENGTHS, (_STROKES_M[0], _LONG_M), "m")
+        yield c.name, f"stroke {c.stroke_m:g} m{likely}"
     lever = float(np.abs(r.lever_m).max())
     if c.l1_m > 0.0 and 0.0 < _LEVERS * arm_m < lever:
         text = f"lever arm up to {lever:.4g} m on an arm of {arm_m:.3g} m, pins or links"
-        yield c.name, text + _meant(lever, _LENGTHS, (0.01 * arm_m, arm_m), "m")
+        yield c.name, text + meant(lever, _LENGTHS, (0.01 * arm_m, arm_m), "m")
 
 
 def unit_warnings(robot: Robot, ranges: tuple[CylinderRange, ...]) -> Iterator[tuple[str, str]]:
@@ -155,18 +169,7 @@ def unit_warnings(robot: Robot, ranges: tuple[CylinderRange, ...]) -> Iterator[t
     yield from ((about, text) for about, text in _degrees(robot) if about not in driven)
     for valve, _ in _valves(robot):
         yield from _flow(valve)
-
-
-def _meant(
-    value: float, units: Mapping[str, float], plausible: tuple[float, float], into: str
-) -> str:
-    """The units in which a number would be plausible."""
-    found = [
-        f"{value:.4g} {unit} are {value * factor:.4g} {into}"
-        for unit, factor in units.items()
-        if plausible[0] <= value * factor <= plausible[1]
-    ]
-    return f": in another unit? {' and '.join(found)}" if found else ": is the unit right?"
+    yield from number_warnings(robot)
 
 
 def _arm_m(robot: Robot) -> float:
@@ -184,7 +187,7 @@ def _supply(robot: Robot) -> Iterator[tuple[str, str]]:
     text = f"supply pressure {bar:g} bar, expected {_SUPPLY_BAR[0]:g} to {_SUPPLY_BAR[1]:g}"
     # As it was typed: into a file in Pa, or on a command line in bar.
     typed = pa if bar < _SUPPLY_BAR[0] else bar
-    yield "supply", text + _meant(typed, _PRESSURES, _USUAL_BAR, "bar")
+    yield "supply", text + meant(typed, _PRESSURES, _USUAL_BAR, "bar")
 
 
 def _valves(robot: Robot) -> Iterator[tuple[Valve, Cylinder]]:
@@ -193,9 +196,8 @@ def _valves(robot: Robot) -> Iterator[tuple[Valve, Cylinder]]:
 
 
 def _flow(valve: Valve) -> Iterator[tuple[str, str]]:
-    edges = np.array([valve.c_pa, valve.c_at, valve.c_pb, valve.c_bt])
-    flows = edges * np.sqrt(EDGE_DROP_PA) * L_MIN
-    odd = [float(flow) for flow in flows if not _within(flow, _FLOWS)]
+    flows = [edge_l_min(c) for c in (valve.c_pa, valve.c_at, valve.c_pb, valve.c_bt)]
+    odd = [flow for flow in flows if not _within(flow, FLOWS_L_MIN)]
     if odd:
         text = f"an edge gives {odd[0]:.3g} l/min at 35 bar{_mistaken(odd[0])}"
         yield valve.name, text
@@ -207,7 +209,7 @@ def _stroke_time(valve: Valve, cylinder: Cylinder, supply_pa: float) -> Iterator
         return
     seconds = float(cylinder.stroke_m * cylinder.area_a_m2 / flow)
     if not _within(seconds, _STROKE_S):
-        mistaken = _mistaken(float(valve.c_pa * np.sqrt(EDGE_DROP_PA) * L_MIN))
+        mistaken = _mistaken(edge_l_min(valve.c_pa))
         text = f"a full stroke of {cylinder.name} takes {seconds:.3g} s with the valve wide open"
         yield valve.name, f"{text}{mistaken}"
 
@@ -216,7 +218,7 @@ def _mistaken(flow: float) -> str:
     found = [
         f"{mistake} ({flow * factor:.3g} l/min)"
         for mistake, factor in _VALVE_MISTAKES.items()
-        if not _within(flow, _FLOWS) and _within(flow * factor, _USUAL_FLOWS)
+        if not _within(flow, FLOWS_L_MIN) and _within(flow * factor, _USUAL_FLOWS)
     ]
     return f": {' or '.join(found)}?" if found else ": are the units right?"
 

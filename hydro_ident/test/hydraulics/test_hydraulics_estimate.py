@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.estimate.flows.chambers import WindowSettings, chamber_rows, chambers_of
-from hydro_ident.estimate.flows.cylinder_fit import BULK_BOUNDS_PA, _checked
+from hydro_ident.estimate.flows.cylinder_fit import _checked
 from hydro_ident.estimate.flows.delay import fit_delay
 from hydro_ident.estimate.flows.flow_moments import FlowGatherer
 from hydro_ident.estimate.flows.hydraulics import fit_hydraulics
@@ -17,6 +17,7 @@ from hydro_ident.estimate.flows.shared_parameters import chambers_to_cylinder
 from hydro_ident.identify.identified_robot import identified_robot
 from hydro_ident.identify.verdict import _hydraulic_problems
 from hydro_ident.parameters.parameters import cylinder_parameters, student_95
+from hydro_ident.robots.robot_numbers import BULK_BOUNDS_PA
 from hydro_model.robot import Robot
 
 

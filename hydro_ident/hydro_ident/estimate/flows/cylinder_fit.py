@@ -22,10 +22,8 @@ from hydro_ident.estimate.flows.unread_rails import RailConstant
 from hydro_ident.estimate.forces.bounds import DEVIATIONS, conditioned
 from hydro_ident.estimate.forces.closed_chain import HeldPart
 from hydro_ident.estimate.statistics.least_squares import MAX_COLLINEARITY, Fit
+from hydro_ident.robots.robot_numbers import BULK_BOUNDS_PA
 from hydro_model.robot import FloatArray
-
-#: Effective bulk modulus of a hydraulic chamber: from a foaming reservoir to steel-piped oil.
-BULK_BOUNDS_PA = (1.0e7, 5.0e9)
 
 
 @dataclass(frozen=True, slots=True)
