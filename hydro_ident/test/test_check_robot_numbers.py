@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
+from hydro_ident.identify.identified_robot import has_definite_mass
 from hydro_ident.robots.robot_check import ERROR, WARNING, Remark, check_robot
+from hydro_model.multibody.joint_ranges import limits
+from hydro_model.multibody.rigid_body import mass_matrix
+from hydro_model.robot import STANDARD_PARAMETERS, Robot
 from hydro_model.robot_files import load_robot, shipped_robots
 
 LIFT, PRESSURE = ("cylinders", 0), ("sensors", "pressure")
@@ -92,3 +98,27 @@ def test_a_range_below_a_supply_in_another_unit_says_nothing_more(
     remarks = spoilt((("supply", "pressure_pa"), 18e11))
     assert told(remarks, ERROR, "supply")
     assert not told(remarks, ERROR, "sensors")
+
+
+def test_masses_that_fail_at_an_end_of_the_ranges_are_found_by_all_who_look() -> None:
+    """An identified arm had a definite mass in 64 poses drawn at random, and none at a corner."""
+    robot = load_robot("xs031")
+
+    def lighter(share: float) -> Robot:
+        inertia = robot.link_inertia.copy()
+        inertia[0, STANDARD_PARAMETERS.index("iyy")] *= share
+        inertia[0, STANDARD_PARAMETERS.index("mass")] *= share
+        return replace(robot, link_inertia=inertia)
+
+    low, high = -100.0, 1.0
+    assert has_definite_mass(lighter(high))
+    assert not has_definite_mass(lighter(low))
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if has_definite_mass(lighter(middle)) else (middle, high)
+    limit = lighter(low)
+    ends = limits(limit).T
+    draws = ends[0] + np.random.default_rng(0).uniform(size=(64, 2)) * (ends[1] - ends[0])
+    assert np.linalg.eigvalsh(mass_matrix(limit, draws)).min() > 0.0
+    remarks = list(check_robot(limit).remarks)
+    assert any("not positive definite" in text for text in told(remarks, ERROR, "xs031"))

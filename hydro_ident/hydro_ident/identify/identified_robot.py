@@ -11,9 +11,9 @@ import numpy as np
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit
 from hydro_ident.estimate.forces.inertial import InertialFit
 from hydro_ident.parameters.parameters import Parameter, parameter_list
+from hydro_ident.robots.robot_ranges import least_inertia
 from hydro_model.effects.catalogue import resolve
 from hydro_model.multibody.base_parameters import with_base
-from hydro_model.multibody.rigid_body import mass_matrix
 from hydro_model.robot import (
     BaseParameter,
     Cylinder,
@@ -108,24 +108,18 @@ def with_fitted_base(robot: Robot, inertial: InertialFit) -> Robot:
     )
 
 
-def has_definite_mass(robot: Robot, poses: int = 64) -> bool:
-    """Whether the mass matrix is positive definite over the joints' ranges.
+def has_definite_mass(robot: Robot) -> bool:
+    """Whether the mass matrix is positive definite over the joints' ranges, as for `check_robot`.
 
     Parameters
     ----------
     robot : Robot
-    poses : int
-        Drawn at random, always the same.
 
     Returns
     -------
     bool
     """
-    low = np.array([max(j.lower, -np.pi) for j in robot.joints])
-    high = np.array([min(j.upper, np.pi) for j in robot.joints])
-    draws = np.random.default_rng(0).uniform(size=(poses, robot.dof))
-    smallest = [np.linalg.eigvalsh(mass_matrix(robot, q))[0] for q in low + draws * (high - low)]
-    return bool(min(smallest) > 0.0)
+    return least_inertia(robot)[0] > 0.0
 
 
 def replace_rejected(hydraulic: HydraulicFit | None) -> HydraulicFit | None:

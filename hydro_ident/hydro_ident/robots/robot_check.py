@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.robots.robot_file_gaps import missing_fields
-from hydro_ident.robots.robot_ranges import CylinderRange, cylinder_ranges, drawn_poses
+from hydro_ident.robots.robot_ranges import CylinderRange, cylinder_ranges, least_inertia
 from hydro_ident.robots.robot_units import geometry_errors, unit_errors, unit_warnings
 from hydro_ident.robots.robot_unused import unused_fields
 from hydro_model.description.robot_checks import slightly_wide
 from hydro_model.effects import resolve
 from hydro_model.errors import RobotError
 from hydro_model.multibody.joint_ranges import limits
-from hydro_model.multibody.rigid_body import mass_matrix
 from hydro_model.multibody.spatial import central_inertia
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import datasheet_inertia
@@ -208,13 +207,10 @@ def _loads(r: CylinderRange, robot: Robot) -> Iterator[Remark]:
 
 
 def _masses(robot: Robot) -> Iterator[Remark]:
-    poses = drawn_poses(robot)
-    smallest = np.linalg.eigvalsh(mass_matrix(robot, poses))[:, 0]
-    worst = int(smallest.argmin())
-    if smallest[worst] <= 0.0:
+    smallest, worst = least_inertia(robot)
+    if smallest <= 0.0:
         pose = ", ".join(
-            f"{name} {value:.2f}"
-            for name, value in zip(robot.joint_names, poses[worst], strict=True)
+            f"{name} {value:.2f}" for name, value in zip(robot.joint_names, worst, strict=True)
         )
         yield Remark(
             ERROR,

@@ -9,7 +9,7 @@ import numpy as np
 
 from hydro_model.hydraulics.cylinder import inside_stroke, lever, stroke
 from hydro_model.multibody.joint_ranges import limits
-from hydro_model.multibody.rigid_body import inverse_dynamics
+from hydro_model.multibody.rigid_body import inverse_dynamics, mass_matrix
 from hydro_model.robot import Cylinder, FloatArray, Robot
 
 #: Positions along a joint's range, poses of the other joints at each.
@@ -21,7 +21,7 @@ _NO_LEVER = 1e-3
 
 
 def drawn_poses(robot: Robot, count: int = POSES) -> FloatArray:
-    """Poses within the limits, always the same: the corners of the ranges' box, then at random.
+    """Poses within the limits, always the same: the ranges' middle and corners, then at random.
 
     Parameters
     ----------
@@ -38,7 +38,28 @@ def drawn_poses(robot: Robot, count: int = POSES) -> FloatArray:
     corners = np.array(np.meshgrid(*[[0.0, 1.0]] * n, indexing="ij")).reshape(n, -1).T
     corners = np.hstack([corners, np.full((len(corners), robot.dof - n), 0.5)])
     draws = np.random.default_rng(0).uniform(size=(count, robot.dof))
-    return np.asarray(low + np.vstack([corners, draws]) * (high - low))
+    shares = np.vstack([np.full((1, robot.dof), 0.5), corners, draws])
+    return np.asarray(low + shares * (high - low))
+
+
+def least_inertia(robot: Robot) -> tuple[float, FloatArray]:
+    """The smallest eigenvalue of the mass matrix over the drawn poses, and its pose.
+
+    Masses that make no machine often show at an end of the ranges alone.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Returns
+    -------
+    float, (n,) array
+        Above 0 where the matrix is positive definite in all of them.
+    """
+    poses = drawn_poses(robot)
+    smallest = np.linalg.eigvalsh(mass_matrix(robot, poses))[:, 0]
+    worst = int(smallest.argmin())
+    return float(smallest[worst]), poses[worst]
 
 
 @dataclass(frozen=True, slots=True)
