@@ -40,6 +40,7 @@ def test_nothing_is_warned_of_where_units_are_right(tmp_path: Path) -> None:
         ("unit: V}", "unit: mV}", "V: is the unit another one, or did none open?"),
         ("unit: V}", "unit: V, scale: 1000}", "V: is the unit another one?"),
         ("unit: deg}", "unit: rad}", "or the unit it is in"),
+        ("unit: s,", "unit: ms,", "another one, seconds read as milliseconds?"),
     ],
 )
 def test_a_mistaken_unit_is_warned_of(old: str, new: str, said: str, tmp_path: Path) -> None:

@@ -12,8 +12,10 @@ from hydro_ident.bag.gaps import GapCount
 from hydro_ident.bag.reading_rate import SecondLook
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.stamp_jitter import StampJitter
+from hydro_ident.inspecting.mistaken_inputs import mistaken_voltages
 from hydro_ident.inspecting.mistaken_pressures import mistaken_pressures
 from hydro_ident.inspecting.signal_look import FULL_SHARE, SignalLook, look_at, parts_of
+from hydro_ident.logs.plausible import rate_warning
 
 #: A noisy transducer never repeats its reading this long, an encoder not while its valve is open.
 STUCK_S = 1.0
@@ -102,7 +104,7 @@ def irregularities(
         *_jitter(jitter),
         *_latched(look, period_s),
         *_joints(look, period_s),
-        *_units(look, dead),
+        *_units(look, period_s, dead),
         *_pressures(look, period_s, dead),
         *_valves(look, period_s),
     ]
@@ -170,9 +172,15 @@ def _joints(look: SignalLook, period_s: float) -> Iterator[Finding]:
             yield from _stuck(look, joint.name, (held.longest, held.since_ns), period_s, when)
 
 
-def _units(look: SignalLook, dead: Mapping[str, float]) -> list[Finding]:
-    found = mistaken_pressures(look.robot, look.spans, dead)
-    return [] if found is None else [Finding(found[0], "unit", found[1])]
+def _units(look: SignalLook, period_s: float, dead: Mapping[str, float]) -> list[Finding]:
+    pressures = mistaken_pressures(look.robot, look.spans, dead)
+    rate = rate_warning(look.robot, period_s)
+    voltages = mistaken_voltages(look.robot, look.spans)
+    return [
+        *([Finding("cycles", "unit", rate)] if rate else []),
+        *([] if pressures is None else [Finding(pressures[0], "unit", pressures[1])]),
+        *([Finding("valves", "unit", voltages)] if voltages else []),
+    ]
 
 
 def _pressures(look: SignalLook, period_s: float, dead: Mapping[str, float]) -> Iterator[Finding]:

@@ -21,7 +21,7 @@ from hydro_ident.logs.clocks import timeline_of
 from hydro_ident.logs.columns import Columns
 from hydro_ident.logs.file import Log
 from hydro_ident.logs.map import OF_JOINTS, LogMap
-from hydro_ident.logs.plausible import unit_warnings
+from hydro_ident.logs.plausible import rate_warning, unit_warnings
 from hydro_ident.logs.unpaired import check_times
 from hydro_model.arrays import FloatArray, IntArray
 from hydro_model.command_line.output import unwritable
@@ -163,16 +163,23 @@ def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, s
             raise BagError(unwritable(Path(out), error)) from error
         raise
     steps = np.diff(stamps) * 1e-9
+    period_s = float(np.median(steps))
+    odd_rate = rate_warning(mapping.robot, period_s)
     return Conversion(
         path=Path(out),
         cycles=len(stamps),
-        rate_hz=float(1.0 / np.median(steps)),
+        rate_hz=1.0 / period_s,
         shortest_s=float(steps.min()),
         longest_s=float(steps.max()),
         counts=counts,
         unused=tuple(name for name in log.columns if name not in columns.used),
         remarks=(*log.notes, *timeline.remarks, *columns.remarks, *odd, *remark),
-        warnings=(*timeline.warnings, *columns.warnings, *unit_warnings(mapping.robot, efforts)),
+        warnings=(
+            *timeline.warnings,
+            *columns.warnings,
+            *unit_warnings(mapping.robot, efforts),
+            *([f"time: {odd_rate}"] if odd_rate else []),
+        ),
     )
 
 

@@ -21,6 +21,9 @@ from hydro_msgs_docs.topics import CHAMBER_PRESSURES, VALVE_COMMAND, VALVE_STATE
 _PRESSURE_UNDER, _PRESSURE_OVER = 0.15, 2.0
 #: Shares of a valve's rated signal.
 _SIGNAL_UNDER, _SIGNAL_OVER = 0.01, 1.5
+#: Logs are recorded at other rates than their machine's, at 50 Hz what runs at 500; a unit of time
+#: that was mistaken makes 60 and more of it.
+_RATES = 50.0
 _BAR = 1e5
 #: What a reading of pressure that is not in Pa is usually in; others are like bar.
 USUAL_UNITS = ("bar", "kPa", "MPa", "psi")
@@ -59,6 +62,33 @@ def unit_warnings(robot: Robot | None, fields: Mapping[str, Iterable[FloatArray]
                 f" {largest:.4g} V: is the unit another one{_or(largest < rated, 'did none open')}"
             )
     return found
+
+
+def rate_warning(robot: Robot | None, period_s: float) -> str:
+    """What cannot be a rate of this machine's samples, or of a log of them.
+
+    Parameters
+    ----------
+    robot : Robot or None
+    period_s : float
+        From cycle to cycle.
+
+    Returns
+    -------
+    str
+        Empty where it may be one, or without a robot.
+    """
+    if robot is None or not 0.0 < period_s < np.inf:
+        return ""
+    rate_hz = 1.0 / period_s
+    if 1.0 / _RATES <= rate_hz / robot.sensors.rate_hz <= _RATES:
+        return ""
+    slow = rate_hz < robot.sensors.rate_hz
+    mistaken = "milliseconds read as seconds" if slow else "seconds read as milliseconds"
+    return (
+        f"expected about {robot.sensors.rate_hz:g} Hz, sensors.rate_hz of the robot file, found"
+        f" {rate_hz:.4g} Hz: is the unit of time another one, {mistaken}?"
+    )
 
 
 def pressure_reach_pa(robot: Robot) -> tuple[float, float] | None:
