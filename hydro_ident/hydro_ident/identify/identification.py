@@ -45,7 +45,9 @@ from hydro_ident.identify.verdict import (
     NOT_ENOUGH,
     BagLoss,
     judge,
+    refused_numbers,
 )
+from hydro_ident.inspecting.mistaken_inputs import mistaken_rates
 from hydro_ident.parameters.parameters import COMMAND_DELAY, Parameter, parameter_list
 from hydro_ident.recordings.sources import Source, check_names, short_kept, sources_of
 from hydro_ident.recordings.workers import Here, Workers
@@ -180,7 +182,8 @@ def identify(
     last = scored(job, estimates)
     estimates = replace(estimates, inertial=last.inertial)
     swapped = swapped_signals(job, estimates, last.held_out or last.fitted)
-    estimates = tested(robot, estimates, last.held_out, swapped)
+    odd_rates = mistaken_rates([survey.recording for survey in job.surveys])
+    estimates = tested(robot, estimates, last.held_out, swapped, odd_rates)
     return _concluded(job, estimates, last, settings)
 
 
@@ -214,6 +217,8 @@ def _concluded(job: Job, estimates: Estimates, last: Scores, settings: Settings)
     found = None
     if judged.verdict != NOT_ENOUGH:
         found = identified_robot(robot, inertial, hydraulic, biases)
+        for text in refused_numbers(found):
+            judged = judged.with_problem(text)
     advance("rolling the model out", 3, _STAGES)
     run = rolled_out(job, found, hydraulic)
     judged = judged.with_problem(run.failed)

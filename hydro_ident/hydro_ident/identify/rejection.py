@@ -15,7 +15,7 @@ import numpy as np
 
 from hydro_ident.estimate.effects.listed_laws import NULL_BIAS
 from hydro_ident.estimate.flows.chambers import INVERSE_BULK, OVER_BULK
-from hydro_ident.estimate.flows.cylinder_fit import CylinderFit
+from hydro_ident.estimate.flows.cylinder_fit import CylinderFit, edges_off
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit
 from hydro_ident.estimate.forces.bounds import conditioned, effect_bounds
 from hydro_ident.estimate.forces.closed_chain import HeldPart
@@ -25,6 +25,8 @@ from hydro_ident.identify.estimation import Estimates
 from hydro_ident.identify.identified_robot import has_definite_mass, identified_robot
 from hydro_ident.identify.swapped_signals import Swapped
 from hydro_ident.parameters.parameters import Parameter, cylinder_parameters
+from hydro_ident.robots.robot_ranges import cylinder_ranges
+from hydro_ident.robots.robot_units import unit_errors
 from hydro_model.robot import Robot
 
 #: A held-out error of more than this multiple of the given robot's is clearly worse.
@@ -109,6 +111,7 @@ def tested(
     estimates: Estimates,
     scores: Sequence[ChannelScore],
     swapped: Mapping[str, Swapped],
+    odd_rates: Sequence[str],
 ) -> Estimates:
     """Reject the stages that make no possible machine or fail on held-out data.
 
@@ -121,6 +124,8 @@ def tested(
         On held-out rows.
     swapped : mapping of str to Swapped
         Cylinders whose signals were likely swapped, by name.
+    odd_rates : sequence of str
+        Recordings whose rate is none of the machine's.
 
     Returns
     -------
@@ -129,6 +134,9 @@ def tested(
     inertial, hydraulic = estimates.inertial, estimates.hydraulic
     if inertial is not None:
         why = _of_forces(robot, inertial, scores, swapped)
+        # Nothing that bends with the time holds of the machine; its weight alone would.
+        if odd_rates and _of_other_time(hydraulic):
+            why = "the rate of the recording and the edges of all valves are off by a unit of time"
         inertial = replace(inertial, rejected=why)
     if hydraulic is not None:
         cylinders = []
@@ -137,6 +145,7 @@ def tested(
                 cylinders.append(fit.of_other_signals(found.why))
                 continue
             why = fit.rejected or _failed(robot, scores, _flows(robot, fit))
+            why = why or _of_no_valve(robot, fit, hydraulic)
             cylinders.append(replace(fit, rejected=why))
         hydraulic = replace(hydraulic, cylinders=tuple(cylinders))
     return replace(estimates, inertial=inertial, hydraulic=hydraulic)
@@ -158,6 +167,20 @@ def _of_forces(
         return why
     cause = f"the flows go by {', '.join(wrong)}: these pressures are likely swapped"
     return f"{why.partition(_CAUSES)[0]}; {cause}" if why else cause
+
+
+def _of_other_time(hydraulic: HydraulicFit | None) -> bool:
+    """Whether all valves' edges are off by a unit: one alone may be of its own voltage's."""
+    fits = hydraulic.cylinders if hydraulic is not None else ()
+    return bool(fits) and all(edges_off(fit) != 1.0 for fit in fits)
+
+
+def _of_no_valve(robot: Robot, fit: CylinderFit, hydraulic: HydraulicFit) -> str:
+    """What `check_robot` would call an error of a cylinder's valve; empty where nothing is."""
+    found = identified_robot(robot, None, replace(hydraulic, cylinders=(fit,)))
+    remarks = unit_errors(found, cylinder_ranges(found))
+    wrong = [text for about, text in remarks if about == fit.valve]
+    return f"no valve has the edges found: {'; '.join(wrong)}" if wrong else ""
 
 
 def rejections(

@@ -21,6 +21,7 @@ from hydro_ident.estimate.signals.traces import traces_of_piece
 from hydro_ident.identify.continuity import Continuity, bridged_notes, partial_notes
 from hydro_ident.identify.spool_look import SpoolLook
 from hydro_ident.identify.verdict import BagLoss, losses_of, recorded_as_others
+from hydro_ident.inspecting.mistaken_inputs import mistaken_rates
 from hydro_ident.inspecting.mistaken_pressures import mistaken_notes
 from hydro_ident.recordings.sources import Source
 from hydro_model.robot import Robot
@@ -200,7 +201,8 @@ def recorded_notes(surveys: Iterable[Survey]) -> tuple[str, ...]:
     """What is to be said of recordings themselves, each time with the recording's name."""
     looked_at = list(surveys)
     recordings = [s.recording for s in looked_at]
-    others = [*mistaken_notes(recordings), *recorded_as_others(recordings)]
+    others = [*mistaken_rates(recordings), *mistaken_notes(recordings)]
+    others += recorded_as_others(recordings)
     names, continuities = [s.name for s in looked_at], [s.continuity for s in looked_at]
     bridged = bridged_notes(names, continuities) + partial_notes(names, continuities)
     notes = [f"{s.name}: {note}" for s in looked_at for note in s.recording.notes]

@@ -17,7 +17,10 @@ from hydro_ident.estimate.flows.cylinder_fit import CylinderFit
 from hydro_ident.estimate.flows.hydraulics import HydraulicFit
 from hydro_ident.estimate.forces.inertial import InertialFit, force_model
 from hydro_ident.identify.continuity import Continuity, broken_up, partly_read
+from hydro_ident.inspecting.mistaken_inputs import mistaken_rates
 from hydro_ident.inspecting.mistaken_pressures import CONTRACT, mistaken_notes
+from hydro_ident.robots.robot_ranges import cylinder_ranges
+from hydro_ident.robots.robot_units import unit_errors
 from hydro_model.description.robot_checks import LIMITS_SLACK
 from hydro_model.hydraulics.cylinder import stroke
 from hydro_model.robot import Robot
@@ -107,7 +110,8 @@ def judge(
     Judgement
     """
     # First of all: the likeliest reason of whatever else is wrong.
-    others = [*mistaken_notes(recordings), *recorded_as_others(recordings)]
+    others = [*mistaken_rates(recordings), *mistaken_notes(recordings)]
+    others += recorded_as_others(recordings)
     wrong = wrong_robot(robot, recordings)
     if wrong:
         return Judgement(NOT_ENOUGH, (*others, *wrong))
@@ -119,6 +123,22 @@ def judge(
     if not enough:
         return Judgement(NOT_ENOUGH, tuple(problems))
     return Judgement(PARTLY if problems else IDENTIFIED, tuple(problems))
+
+
+def refused_numbers(found: Robot) -> list[str]:
+    """Numbers of an identified robot that `check_robot` takes for another unit's.
+
+    Parameters
+    ----------
+    found : Robot
+
+    Returns
+    -------
+    list of str
+        A sentence each. Edges that were found are rejected by then: these are the robot file's.
+    """
+    wrong = unit_errors(found, cylinder_ranges(found))
+    return [f"the robot file's {about}: {text} (`check_robot`)" for about, text in wrong]
 
 
 def spoils_all(text: str) -> bool:

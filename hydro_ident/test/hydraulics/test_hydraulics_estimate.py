@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.estimate.flows.chambers import WindowSettings, chamber_rows, chambers_of
-from hydro_ident.estimate.flows.cylinder_fit import _checked
+from hydro_ident.estimate.flows.cylinder_fit import _checked, edges_off
 from hydro_ident.estimate.flows.delay import fit_delay
 from hydro_ident.estimate.flows.flow_moments import FlowGatherer
 from hydro_ident.estimate.flows.hydraulics import fit_hydraulics
@@ -218,6 +218,34 @@ def test_a_valve_wired_the_wrong_way_round_is_rejected_not_replaced(
     # Whatever else the data do not tell.
     unknown = _checked(replace(lift, identifiable=(False, *lift.identifiable[1:])), 1.2e9)
     assert unknown.rejected == lift.rejected
+
+
+@pytest.mark.parametrize(
+    ("scale", "size", "said"),
+    [
+        (1e-3, "at least", "read too small (V read as mV), or time too short"),
+        (1e3, "at most 0.0", "read too large (mV read as V), or time too long"),
+    ],
+)
+def test_edges_of_a_voltage_in_another_unit_are_rejected(
+    robot: Robot, bench: Any, scale: float, size: str, said: str
+) -> None:
+    """They had been taken: 46000 l/min of a valve of 60, and so small a fit's error."""
+    signal = scale * bench.signal(robot, np.arange(0.0, 6.0, bench.H))
+    (lift,) = bench.fit(robot, 0.001, valve_signal=signal).cylinders
+    assert f"every edge is {size}" in lift.rejected
+    assert said in lift.rejected
+    assert edges_off(lift) == pytest.approx(0.8 / scale, rel=0.2)
+
+
+def test_a_valve_of_another_size_than_the_files_is_found(robot: Robot, bench: Any) -> None:
+    """Up to what no two valves of an arm differ by; and whatever a file says that no valve has."""
+    for factor in (15.0, 0.05, 1e7):
+        valves = tuple(
+            replace(v, **{n: factor * getattr(v, n) for n in bench.EDGES}) for v in robot.valves
+        )
+        (lift,) = bench.fit(replace(robot, valves=valves), 0.001).cylinders
+        assert (lift.rejected, edges_off(lift)) == ("", 1.0)
 
 
 def test_edges_of_one_rail_below_zero_name_its_reading(robot: Robot, bench: Any) -> None:

@@ -23,7 +23,12 @@ from hydro_ident.estimate.forces.bounds import DEVIATIONS, conditioned
 from hydro_ident.estimate.forces.closed_chain import HeldPart
 from hydro_ident.estimate.statistics.least_squares import MAX_COLLINEARITY, Fit
 from hydro_ident.robots.robot_numbers import BULK_BOUNDS_PA
+from hydro_ident.robots.robot_units import FLOWS_L_MIN, edge_l_min
 from hydro_model.robot import FloatArray
+
+#: Edges so many times those of the robot file, or as small a part of them, each of them, are of
+#: signals in another unit: cold oil, worn edges and another spool make a tenth of that.
+_OTHER_UNIT = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,7 +208,7 @@ def _essential(name: str) -> bool:
 
 def _checked(fit: CylinderFit, given_pa: float) -> CylinderFit:
     """A fit with what cannot be used of it: all, or the bulk modulus alone."""
-    if wrong := _wrong_edges(fit):
+    if wrong := _wrong_edges(fit) or _other_unit(fit):
         return fit.of_other_signals(wrong)
     bulk = _bulk_reason(fit)
     if bulk and not _edge_reason(fit) and _is_apart(fit):
@@ -276,6 +281,50 @@ def _cause_of(wrong: set[str], fit: CylinderFit) -> str:
         if wrong == of_rail.intersection(_edges(fit)):
             return f"; those of the {rail} alone are below it: its reading is likely wrong"
     return ""
+
+
+def edges_off(fit: CylinderFit) -> float:
+    """How many times those of the robot file a cylinder's edges are, where a unit is mistaken.
+
+    Parameters
+    ----------
+    fit : CylinderFit
+
+    Returns
+    -------
+    float
+        Of the edge that is nearest to the file's; 1 where the edges that the data tell are not all
+        off to one side by far more than valves differ, or the file's are no valve's themselves.
+    """
+    valve, ratios = fit.chambers[0].chamber.valve, list[float]()
+    for name in _edges(fit):
+        given = float(getattr(valve, name))
+        if not FLOWS_L_MIN[0] <= edge_l_min(given) <= FLOWS_L_MIN[1]:
+            return 1.0
+        if fit.identifiable[fit.names.index(name)]:
+            ratios.append(fit.value(name)[0] / given)
+    if not ratios or min(ratios) <= 0.0:
+        return 1.0
+    if min(ratios) > _OTHER_UNIT:
+        return min(ratios)
+    return max(ratios) if max(ratios) < 1.0 / _OTHER_UNIT else 1.0
+
+
+def _other_unit(fit: CylinderFit) -> str:
+    """Which units are likely mistaken where edges are far off the file's; empty where not."""
+    off = edges_off(fit)
+    if off == 1.0:
+        return ""
+    above = "small (V read as mV), or time too short (s read as ms)"
+    below = "large (mV read as V), or time too long (ms read as s)"
+    size, mistaken = (f"at least {off:.0f}", above) if off > 1.0 else (f"at most {off:.2g}", below)
+    valve = fit.chambers[0].chamber.valve
+    name = next(n for n in _edges(fit) if fit.identifiable[fit.names.index(n)])
+    found, given = (edge_l_min(c) for c in (fit.value(name)[0], float(getattr(valve, name))))
+    return (
+        f"every edge is {size} times the robot file's ({name} {found:.3g} l/min at 35 bar, given"
+        f" {given:.3g}): {valve.name}'s voltage is likely read too {mistaken}"
+    )
 
 
 def _bulk_reason(fit: CylinderFit) -> str:
