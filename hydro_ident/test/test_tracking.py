@@ -224,7 +224,7 @@ def test_the_truth_of_another_run_is_refused(tmp_path, bag, capsys) -> None:
     """All runs count their samples from 0: any side file has a row for each cycle."""
     with np.load(tmp_path / "truth.npz") as data:
         rows = data["rows"]
-    for name, shift, code in (("near", 0.09, 0), ("other", 0.11, 2)):
+    for name, shift, code in (("near", 0.4, 0), ("other", 0.6, 2)):
         path = tmp_path / f"{name}.npz"
         _save_truth(path, rows[:, 1], rows[:, 2:] + [0.0, shift, 0.0])
         assert main([str(bag), "--truth", str(path)]) == code
