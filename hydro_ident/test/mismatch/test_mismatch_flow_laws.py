@@ -17,6 +17,7 @@ from hydro_ident.mismatch.fitting.training import Training, start_model
 from hydro_ident.mismatch.rows.flow_laws import looks_at_valve
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
 from hydro_ident.mismatch.rows.rests import moving_rows
+from hydro_ident.mismatch.trials.where import where_of
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.effects.effect import Stage
 from hydro_model.effects.targets import ActiveEffect
@@ -118,3 +119,18 @@ def test_what_looks_at_the_valve_is_told_by_its_laws() -> None:
     told = {e.name: looks_at_valve(ActiveEffect(e, 0, e.typical)) for e in acting}
     assert {name for name, looks in told.items() if looks} == {spec.name for spec in LAWS}
     assert {n for n, looks in told.items() if not looks} >= {"internal_leakage", "cavitation"}
+
+
+@pytest.mark.parametrize("side", ["a", "b"])
+def test_a_leak_shows_at_the_pressure_of_the_chamber_that_leaks(
+    side: str, make_run: Make, predictor_of: Lay
+) -> None:
+    values = {"coefficient_a": 0.0, "coefficient_b": 0.0, f"coefficient_{side}": 1e-12}
+    spec = EffectSpec("external_leakage", "lift_cylinder", values)
+    predictor, model = _exact(make_run, predictor_of, spec, 0.0)
+    training = Training.of(predictor, np.ones(predictor.material.size, dtype=bool))
+    place = where_of(training, model, model.terms[0], f"lift/flow_{side}")
+    assert place.variable == f"pressure_{side}"
+    trace = predictor.material.stretches[0].trace
+    own = (trace.p_a if side == "a" else trace.p_b)[:, 0]
+    assert own.min() < place.low < place.high < own.max()

@@ -11,8 +11,10 @@ import pytest
 from hydro_ident.bag.recording import Recording
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.fitting.training import Training, start_model
+from hydro_ident.mismatch.rows.line_flow import line_flow
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
 from hydro_ident.mismatch.rows.rests import moving_rows
+from hydro_ident.mismatch.trials.where import where_of
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 
@@ -67,6 +69,28 @@ def test_a_supplys_lag_is_not_the_valves_delay(drooping: tuple[Predictor, Model]
     found = fit(training, replace(model, terms=off, delays_s=(0.0035, 0.0035)), passes=6).model
     assert found.terms[0].parameters == pytest.approx([4e9, 0.02], rel=0.03)
     assert found.delays_s == pytest.approx((0.005, 0.005), abs=1e-4)
+
+
+def test_a_rail_that_gives_way_shows_at_a_flow_of_all_valves(
+    drooping: tuple[Predictor, Model],
+) -> None:
+    """That flow times the law's resistance is what the supply has lost, but for the lag."""
+    predictor, model = drooping
+    training = Training.of(predictor, np.ones(predictor.material.size, dtype=bool))
+    place = where_of(training, model, model.terms[0], "lift/flow_a")
+    (stretch,) = predictor.material.stretches
+    lost = stretch.trace.supply - predictor.signals.shaped(model, stretch).supply
+    assert place.variable == "total_flow"
+    assert 0.0 <= place.low < place.high < 1.1 * lost.max() / 4e9
+    number = predictor.material.channels.index("lift/flow_a")
+    own = predictor.material.channel == number
+    flow = line_flow(predictor, model, number, on_tank=False)
+    seen = predictor.material.on_rows(stretch, number, lost)
+    assert np.abs(4e9 * flow[own] - seen).mean() < 0.1 * seen.mean()
+    assert np.isnan(flow[~own]).all()
+    # What cylinders give back is another flow than they take, by their areas.
+    back = line_flow(predictor, model, number, on_tank=True)[own]
+    assert 0.0 < back.mean() != pytest.approx(flow[own].mean(), rel=0.01)
 
 
 def test_what_is_kept_of_one_delays_rails_is_not_anothers(

@@ -8,10 +8,13 @@ import numpy as np
 
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.rows.channel_words import ChannelWords
+from hydro_ident.mismatch.rows.line_flow import line_flow
 from hydro_ident.mismatch.rows.prediction import Model
 from hydro_ident.mismatch.rows.state_space import SIGNALS, row_values
 from hydro_ident.mismatch.trials.places import mean_oil_c
+from hydro_model.effects.effect import Stage
 from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import FloatArray
 
 #: The variable of the contract that each effect is best seen against.
 VARIABLES = {
@@ -57,6 +60,12 @@ VARIABLES = {
     "pressure_delay": "valve_rate",
     "command_delay": "valve_rate",
 }
+#: Effects of each chamber by itself: seen against its own pressure, whichever it is.
+_OF_CHAMBERS = frozenset({"external_leakage", "entrained_air", "cavitation"})
+#: The two variables of a chamber's pressure, by its channel.
+_OWN_PRESSURE = {"flow_a": "pressure_a", "flow_b": "pressure_b"}
+#: What is no signal of the channel's own cylinder.
+_TOTAL_FLOW = "total_flow"
 #: Share of a finding's size that lies below and above the range that is given.
 _TAIL = 0.05
 
@@ -94,22 +103,19 @@ def where_of(training: Training, model: Model, term: ActiveEffect, channel: str)
     """
     predictor = training.predictor
     material = predictor.material
-    variable = VARIABLES.get(term.effect.name, "everywhere")
-    if term.effect.name == "temperature_drift" and mean_oil_c(material) is not None:
-        variable = "oil_temperature"
+    variable = _variable_of(training, term, channel)
     number = material.channels.index(channel)
     rows = (material.channel == number) & training.mask
-    if variable not in SIGNALS:
-        text = f"in {channel}, over the whole recording"
-        return (
-            Where(variable, 0.0, 0.0, text) if variable == "everywhere" else _flow(variable, text)
-        )
-    values = row_values(predictor, model, number, variable)[rows]
+    overall = f"in {channel}, over the whole recording"
+    values = _values(training, model, term, number, variable)
+    if values is None:
+        return Where(variable, 0.0, 0.0, overall)
+    values = values[rows]
     size = predictor.contribution(model, term)[rows] ** 2
     known = np.isfinite(values)
     values, size = values[known], size[known]
     if not values.size or size.sum() <= 0.0:
-        return Where("everywhere", 0.0, 0.0, f"in {channel}, over the whole recording")
+        return Where("everywhere", 0.0, 0.0, overall)
     order = np.argsort(values)
     share = np.cumsum(size[order]) / size.sum()
     low, high = (
@@ -120,8 +126,27 @@ def where_of(training: Training, model: Model, term: ActiveEffect, channel: str)
     unit = words.unit(variable)
     text = f"in {channel}, at a {words.prose(variable)} of {low:.3g} to {high:.3g}"
     text += "" if unit == "1" else f" {unit}"
+    text += " through all valves" if variable == _TOTAL_FLOW else ""
     return Where(variable, low, high, text)
 
 
-def _flow(variable: str, text: str) -> Where:
-    return Where(variable, 0.0, 0.0, text + ", with the flow of all valves")
+def _variable_of(training: Training, term: ActiveEffect, channel: str) -> str:
+    """The variable of the contract that a term is best seen against in a channel."""
+    name = term.effect.name
+    if name == "temperature_drift" and mean_oil_c(training.predictor.material) is not None:
+        return "oil_temperature"
+    variable = VARIABLES.get(name, "everywhere")
+    own = _OWN_PRESSURE.get(channel.rpartition("/")[2], variable)
+    return own if name in _OF_CHAMBERS else variable
+
+
+def _values(
+    training: Training, model: Model, term: ActiveEffect, channel: int, variable: str
+) -> FloatArray | None:
+    """That variable on the rows, (N,); None where it is none of any row."""
+    if variable == _TOTAL_FLOW:
+        on_tank = Stage.TANK in term.effect.stages
+        return line_flow(training.predictor, model, channel, on_tank=on_tank)
+    if variable not in SIGNALS:
+        return None
+    return row_values(training.predictor, model, channel, variable)
