@@ -72,13 +72,16 @@ def law_views(found: Diagnosis) -> list[LawView]:
     if found.work is None or found.whole is None:
         return []
     views = [_finding_view(found, found.work, one) for one in found.findings]
+    # What a channel keeps beside a dependence has no other curve than that.
+    firsts = {one.channel: one for one in reversed(found.unexplained)}
     views += [
         _off_centre_view(found.work, found.whole, one)
         if one.taken_out is not None
         else _dependence_view(found.work.training, found.whole, one.dependence, told(one.text))
         for one in found.unexplained
+        if one is firsts[one.channel]
         # What was told of other rows may be of a channel that these lack.
-        if one.channel in found.work.training.predictor.material.channels
+        and one.channel in found.work.training.predictor.material.channels
     ]
     if views:
         return views

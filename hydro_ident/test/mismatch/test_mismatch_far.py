@@ -15,9 +15,12 @@ from hydro_ident.mismatch.answer.diagnosis import diagnose
 from hydro_ident.mismatch.answer.lacking import distance, lacking, lacking_elsewhere
 from hydro_ident.mismatch.answer.notes import apart, apart_notes
 from hydro_ident.mismatch.answer.outcome import ChannelResult
+from hydro_ident.mismatch.locating.locate import dependences
 from hydro_ident.mismatch.locating.precision import accuracy_of
 from hydro_ident.mismatch.split.held_out import rms
 from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.unnamed.unknown import Unexplained, unexplained
+from hydro_ident.mismatch.verifying.confirm import Confirmer
 from hydro_model.robot import EffectSpec, Robot
 
 TIMES = np.arange(4000.0) * 0.05
@@ -163,3 +166,25 @@ def test_floors_of_a_diagnosis_are_of_its_fitted_inertia(rubbing: Residuals) -> 
         noise = force_noise(material.forces, rubbing.signals, material.filters, robot)
         own = [floors[name] for name in material.forces.channels]
         assert (own == pytest.approx(noise.tolist(), rel=1e-12)) is same
+
+
+def test_a_little_that_follows_something_does_not_hide_that_all_of_a_channel_lacks_something(
+    rubbing: Residuals,
+) -> None:
+    """Friction without a name follows the velocity; a fifth of what is left is little of it."""
+    left = dependences(rubbing.training, rubbing.base)
+    holds = Confirmer(rubbing.training, rubbing.check, rubbing.base).holds
+
+    def told(share: float) -> list[Unexplained]:
+        some = [replace(d, share=share) if d.name == "lift/force" else d for d in left]
+        far = {"lift/force": 3500.0}
+        found = unexplained(rubbing.training, rubbing.base, some, holds, far)
+        return [one for one in found if one.channel == "lift/force"]
+
+    (alone,) = told(0.9)
+    little, rest = told(0.2)
+    assert "everywhere" not in alone.depends_on
+    assert alone.depends_on == little.depends_on
+    assert (rest.depends_on, rest.share) == (("everywhere",), pytest.approx(0.8))
+    assert "3.5e+03 times" in rest.text
+    assert "80% of it does not follow" in rest.text

@@ -186,8 +186,12 @@ def _described(
     }
     wavers = wavering(work.training, whole, confirmer)
     found = unexplained(work.training, whole, left, confirmer.holds, far, going, wavers)
+    # What a channel keeps beside a dependence has that one's form no more.
+    firsts = {one.channel: one for one in reversed(found)}
     return tuple(
         replace(one, form=form_of(work.training, whole, confirmer, one.dependence))
+        if one is firsts[one.channel]
+        else one
         for one in found
     )
 

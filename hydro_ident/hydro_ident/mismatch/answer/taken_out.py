@@ -47,7 +47,8 @@ def without_off_centre(
             break
         for name, (before, after) in found.sizes.items():
             sizes[name] = sizes.get(name, (before, after))[0], after
-        told = {one.channel: one for one in held[0].unknown} | told
+        # Of two entries of a channel the first is what follows a variable.
+        told = {one.channel: one for one in reversed(held[0].unknown)} | told
         errors = (*held[0].work.off, *found.errors)
         held.clear()
         work = lay(errors)

@@ -42,6 +42,9 @@ _REPEATS = 5.0
 _DRIFT_REPEATS = 0.5
 #: What is said of what repeats as a reading's error does.
 HINT = "a position sensor off its centre, whose error repeats, acts so"
+#: Share of a channel's residual up to which a dependence leaves it to be told that all of it lacks
+#: something: most of that is elsewhere.
+_LITTLE = 0.5
 #: Variables that a factor is of, where it is one.
 _OF_VELOCITY = ("direction", "velocity", "velocity_squared")
 
@@ -126,6 +129,8 @@ def unexplained(
 ) -> tuple[Unexplained, ...]:
     """Significant dependence, and what is left far beyond the sensors: one entry per channel.
 
+    Two where a dependence holds little of what is left far beyond them: that, then the rest.
+
     Parameters
     ----------
     training : Training
@@ -174,17 +179,55 @@ def unexplained(
             name, tuple(dict.fromkeys(on)), one.share, one.p_value, text, one,
             confirmed=bool(there), size=one.size,
         )  # fmt: skip
+    rest = _without_variable(training, found, holds, result, (far, going, wavers))
+    both = sorted({*result, *rest})
+    return tuple(of[k] for k in both for of in (result, rest) if k in of)
+
+
+def _without_variable(
+    training: Training,
+    found: Sequence[Dependence],
+    holds: Callable[[Dependence], bool | None],
+    known: Mapping[int, Unexplained],
+    others: tuple[Mapping[str, float], Mapping[str, str], Mapping[str, Wavering]],
+) -> dict[int, Unexplained]:
+    """What is told by its size or by its coming and going, by channel.
+
+    `known` are the dependences that are told, `others` what `unexplained` is given of channels.
+    """
+    material, (far, going, wavers) = training.predictor.material, others
+    result = dict[int, Unexplained]()
     for one in found:
-        name = material.channels[one.channel]
-        if name in far and one.channel not in result:
-            words, verified = ChannelWords(material.robot, name), holds(one) is not None
-            result[one.channel] = _at_large(words, one, far[name], verified)
-        elif name in wavers and one.channel not in result:
-            words = ChannelWords(material.robot, name)
+        name, told = material.channels[one.channel], known.get(one.channel)
+        if one.channel in result:
+            continue
+        words = ChannelWords(material.robot, name)
+        if name in far and (told is None or told.share < _LITTLE):
+            verified = holds(one) is not None
+            result[one.channel] = (
+                _at_large(words, one, far[name], verified)
+                if told is None
+                else _beside(told, far[name], verified)
+            )
+        elif name in wavers and told is None:
             result[one.channel] = _wavers(words, _over_time(one, found), wavers[name])
-        elif name in going and one.channel not in result:
+        elif name in going and told is None:
             result[one.channel] = _going(name, _over_time(one, found), going[name])
-    return tuple(result[k] for k in sorted(result))
+    return result
+
+
+def _beside(told: Unexplained, times: float, verified: bool) -> Unexplained:
+    """What is left far beyond the sensors beside the little of it that follows a variable."""
+    share = 1.0 - told.share
+    text = (
+        f"what is left in {told.channel} is {times:.2g} times what the sensors' noise leaves, and"
+        f" {share:.0%} of it does not follow {told.dependence.variable}: most of what is missing"
+        " there is something else"
+    )
+    on = ("everywhere",)
+    return Unexplained(
+        told.channel, on, share, None, text, told.dependence, confirmed=verified
+    )  # fmt: skip
 
 
 def _at_large(words: ChannelWords, best: Dependence, times: float, verified: bool) -> Unexplained:
