@@ -79,9 +79,9 @@ def law_views(found: Diagnosis) -> list[LawView]:
         if one.taken_out is not None
         else _dependence_view(found.work.training, found.whole, one.dependence, told(one.text))
         for one in found.unexplained
-        if one is firsts[one.channel]
+        if one is firsts[one.channel] or one.depends_on != ("everywhere",)
         # What was told of other rows may be of a channel that these lack.
-        and one.channel in found.work.training.predictor.material.channels
+        if one.channel in found.work.training.predictor.material.channels
     ]
     if views:
         return views
