@@ -89,11 +89,15 @@ def test_the_table_has_the_law_that_stands_in_the_model(monkeypatch: pytest.Monk
 
 
 def test_text_and_report_give_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    data = _finding(24.42, 2.544)
+    seen = {"heldout_rmse_before": 2.0, "heldout_rmse_after": 1.0, "heldout_exercised": True}
+    data = _finding(24.42, 2.544) | seen
     for module in ("mismatch.answer.diagnosis_file", "report.model_parameters"):
         monkeypatch.setattr(f"hydro_ident.{module}.finding_dict", lambda *_: data)
-    found: Any = SimpleNamespace(channels=())
+    # Its unit is known of the fitted rows where those to verify on lack the channel.
+    fitted = SimpleNamespace(name=data["channel"], unit="m^3/s")
+    found: Any = SimpleNamespace(channels=(), fitted=(fitted,))
     lines = _finding_lines(found, None)  # type: ignore[arg-type]
+    assert any(line.endswith("2 -> 1 m^3/s with it") for line in lines)
     assert sum(line.endswith("no larger than its error") for line in lines) == 2
     (told,) = [line for line in lines if "/ (2 damping)" in line]
     assert told.startswith(f"    {LAG}.frequency / (2 damping) = 4.7995 +- 0.048 Hz: ")

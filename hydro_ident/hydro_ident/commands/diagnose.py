@@ -234,7 +234,7 @@ def _finding_lines(found: Diagnosis, one: Finding) -> list[str]:
             " slower pole does, and that is what the data tell"
         )
     before, after = data["heldout_rmse_before"], data["heldout_rmse_after"]
-    units = {channel.name: channel.unit for channel in found.channels}
+    units = {channel.name: channel.unit for channel in (*found.channels, *found.fitted)}
     if before is None:
         lines.append(f"    the rows to verify on do not measure {data['channel']}")
     elif data["heldout_exercised"]:

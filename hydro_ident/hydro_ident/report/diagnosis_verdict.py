@@ -195,7 +195,7 @@ def _left_out(found: Diagnosis) -> list[str]:
     if found.verdict == NOT_ENOUGH:
         return ["Not known."]
     lines = _causes(found) + taken_out_lines(found)
-    units = {channel.name: channel.unit for channel in found.channels}
+    units = {channel.name: channel.unit for channel in (*found.channels, *found.fitted)}
     for one in (u for u in found.unexplained if u.taken_out is None):
         words = ChannelWords(found.given, one.channel)
         lines.append(in_words(one, units.get(one.channel, ""), words))

@@ -35,7 +35,7 @@ def diagnosis_rows(found: Diagnosis) -> tuple[list[ChannelRows], list[ChannelRow
     """Rows that took no part, and rows that were fitted, channel by channel."""
     if found.work is None or found.whole is None:
         return [], []
-    check, training = found.work.check, found.work.training
+    check, training = found.work.check.told(found.whole.model.terms), found.work.training
     sides = (
         (found.channels, check.predictor, check.mask),
         (found.fitted, training.predictor, training.mask),

@@ -145,7 +145,7 @@ def taken_out_lines(found: Diagnosis) -> list[str]:
     if found.work is None or not found.work.off:
         return []
     text = told(off_words(found.given, found.work.off))
-    units = {channel.name: channel.unit for channel in found.channels}
+    units = {channel.name: channel.unit for channel in (*found.channels, *found.fitted)}
     sizes = [
         f"{one.channel} {number(one.taken_out.before, 3)} → {number(one.taken_out.after, 3)}"
         f" {unit_text(units.get(one.channel, ''))}".rstrip()

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_ident.mismatch.answer.channel_results import channels_of
+from hydro_ident.mismatch.answer.notes import beyond_notes
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.naming.named import named_of
 from hydro_ident.mismatch.split.residuals import Residuals
@@ -85,3 +87,28 @@ def test_rows_beyond_refuse_a_leak_that_they_do_not_have(
     found = _verified(_laid(make_run, lay_out, (True, False)), beyond=True)
     assert not found.stands
     assert "coefficient is" in found.reason
+
+
+def test_numbers_are_told_of_rows_beyond_where_hardly_any_lie_within(leaking: Residuals) -> None:
+    """A recording of other poses, on whose balances alone findings are verified."""
+    check = leaking.check
+    material = check.predictor.material
+    own = [n in FLOWS for n in material.channels]
+    assert check.told(()) is check
+    narrow = replace(check, mask=check.mask & ~np.isin(material.channel, np.flatnonzero(own)))
+    assert check.beyond is not None
+    wide = narrow.told((_term(LEAK),))
+    told = {one.name: one for one in channels_of(leaking, leaking.base, wide)}
+    for name in FLOWS:
+        k = material.channels.index(name)
+        assert np.array_equal(wide.rows(k, name), check.beyond & (material.channel == k))
+        assert told[name].measured.size == np.count_nonzero(wide.rows(k, name)) > 0
+    # Of forces none is told beyond, and where a flow's law is of the position no flow is.
+    assert np.array_equal(
+        wide.mask & ~narrow.mask, check.beyond & np.isin(material.channel, np.flatnonzero(own))
+    )
+    cushion = EffectSpec("end_cushion", "lift_cylinder", {"strength": 0.7, "length": 0.5})
+    assert narrow.told((_term(cushion),)) is narrow
+    assert beyond_notes(check, check) == []
+    (note,) = beyond_notes(narrow, wide)
+    assert note.startswith("lift/flow_a, lift/flow_b: verified on rows beyond")

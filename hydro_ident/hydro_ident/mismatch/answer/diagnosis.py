@@ -24,6 +24,7 @@ from hydro_ident.mismatch.answer.not_testable import not_testable
 from hydro_ident.mismatch.answer.notes import (
     apart,
     apart_notes,
+    beyond_notes,
     data_notes,
     instant_notes,
     left_notes,
@@ -175,7 +176,8 @@ def _diagnosed(
     run = _rolled_out(work, whole, before, modelled.robot)
     findings, constants = parted_rails(work, answer.findings)
     findings, minor = parted(work.robot, findings, whole.deviations)
-    channels = channels_of(work, whole, work.check)
+    seen = work.check.told(whole.model.terms)
+    channels = channels_of(work, whole, seen)
     findings, hardly = parted_hardly(work, findings, channels)
     unknown, small = parted_unknown(answer.unknown, channels)
     notes = [*data_notes(work), *off_notes(work), *modelled.notes, *run.rejected]
@@ -191,9 +193,10 @@ def _diagnosed(
     told |= {one.channel for one in unknown}
     untold = {name: ratio for name, ratio in ratios.items() if name not in told}
     notes += left_notes(channels) + apart_notes(untold) + unverified_notes(work, channels)
+    notes += beyond_notes(work.check, seen)
     notes += instant_notes(work, whole)
     # At rest dry friction is whatever holds the load, and what is left there no law's to explain.
-    in_motion = channels_of(work, whole, replace(work.check, mask=work.check.rows_in_motion))
+    in_motion = channels_of(work, whole, replace(seen, mask=seen.rows_in_motion))
     off = runs_off(run)
     notes += off
     reservations = doubts(work, findings, in_motion, ratios)

@@ -14,6 +14,7 @@ from hydro_ident.mismatch.naming.name import Search
 from hydro_ident.mismatch.rows.onset import begins, ends
 from hydro_ident.mismatch.rows.rests import motions_in
 from hydro_ident.mismatch.settings import FEW_MOTIONS
+from hydro_ident.mismatch.split.check import Check
 from hydro_ident.mismatch.split.held_out import rms
 from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.mismatch.verifying.agreement import fitted_there
@@ -113,6 +114,27 @@ def unverified_notes(work: Residuals, channels: Sequence[ChannelResult]) -> list
     ]
 
 
+def beyond_notes(check: Check, seen: Check) -> list[str]:
+    """Channels whose numbers are of positions that were not fitted.
+
+    Parameters
+    ----------
+    check, seen : Check
+        Rows to verify on, and those that numbers are told of.
+    """
+    material = check.predictor.material
+    further = seen.mask & ~check.mask
+    names = [
+        n for k, n in enumerate(material.channels) if (further & (material.channel == k)).any()
+    ]
+    if not names:
+        return []
+    return [
+        f"{', '.join(names)}: verified on rows beyond the positions that were fitted, as hardly"
+        " any lie within: a chamber's balance is the same there"
+    ]
+
+
 def apart(work: Residuals, whole: Fitted, channels: Sequence[ChannelResult]) -> dict[str, float]:
     """Channels of which the recordings to verify on know what those to fit did not show.
 
@@ -141,7 +163,7 @@ def apart(work: Residuals, whole: Fitted, channels: Sequence[ChannelResult]) -> 
     own = there.residual - there.columns @ there.bench.solve()
     for k, name in enumerate(check.predictor.material.channels):
         rows = check.rows(k, name) & check.moving
-        if name in far and rms(now[rows]) > _APART * rms(own[rows]):
+        if name in far and rows.any() and rms(now[rows]) > _APART * rms(own[rows]):
             result[name] = rms(now[rows]) / rms(own[rows])
     return result
 

@@ -23,6 +23,8 @@ from hydro_model.robot import FloatArray, Robot
 
 #: Variables of laws that are extrapolated where a joint was never fitted.
 _OF_POSITION = frozenset({"joint_angle", "piston_position"})
+#: Share of a balance's rows within the fitted positions below which those beyond are told as well.
+_FEW_WITHIN = 0.1
 
 
 def noise_there(noise: Noise, names: Sequence[str], there: Sequence[str]) -> Noise:
@@ -81,6 +83,32 @@ class Check:
             return self
         further = self.beyond & np.isin(material.channel, flows)
         return replace(self, mask=self.mask | further)
+
+    def told(self, terms: Sequence[ActiveEffect]) -> Check:
+        """The rows that a model's numbers are told of: findings are verified on no others.
+
+        Balances beyond the positions that were fitted are the same there (`reaching`), and hardly
+        any row may lie within: a recording of other poses would have no numbers at all.
+
+        Parameters
+        ----------
+        terms : sequence of ActiveEffect
+            The model's. A flow's law of the position is extrapolated beyond.
+        """
+        beyond, material = self.beyond, self.predictor.material
+        of_position = any(
+            VARIABLES.get(t.effect.name, "") in _OF_POSITION and t.effect.channel == "flow"
+            for t in terms
+        )
+        if beyond is None or of_position:
+            return self
+        further = np.zeros(material.size, dtype=np.bool_)
+        for k in (k for k in range(len(material.channels)) if material.is_flow(k)):
+            own = material.channel == k
+            within, outside = np.count_nonzero(self.mask & own), np.count_nonzero(beyond & own)
+            if within < _FEW_WITHIN * (within + outside):
+                further |= beyond & own
+        return replace(self, mask=self.mask | further) if further.any() else self
 
     @property
     def rows_in_motion(self) -> BoolArray:
