@@ -62,6 +62,8 @@ FAR, FAR_SHARE = 10.0, 0.03
 #: So does one of which this share of what varies is left, however noisy its sensors are, unless
 #: that is little more than their noise.
 GROSS, GROSS_SHARE = 2.5, 0.1
+#: A base that is to be kept is another one than its file's from so many stated deviations on.
+MOVED = 4.0
 #: A name is kept only where it explains at least this share of what any smooth function of the
 #: variable it acts through explains.
 NAMED_SHARE = 0.7

@@ -12,6 +12,8 @@ import pytest
 
 from hydro_ident.estimate.forces.closed_chain import expected_sizes
 from hydro_ident.identify.model_file import write_model
+from hydro_ident.identify.survey import survey_source
+from hydro_ident.mismatch.answer.moved_base import moved_base
 from hydro_ident.mismatch.fitting.bench import Bench
 from hydro_ident.mismatch.fitting.fitted import fitted
 from hydro_ident.mismatch.fitting.fitting import _owned, fit
@@ -24,11 +26,16 @@ from hydro_ident.mismatch.fitting.prior import (
 )
 from hydro_ident.mismatch.fitting.training import start_model
 from hydro_ident.mismatch.fitting.whitening import Layout, Noise
+from hydro_ident.mismatch.locating.precision import drift_of
 from hydro_ident.mismatch.modelling.model import robot_of
 from hydro_ident.mismatch.naming.contest import Contest
+from hydro_ident.mismatch.naming.worth import worthy
 from hydro_ident.mismatch.rows.ripple import held_ripple, in_step, known_ripple
-from hydro_ident.mismatch.split.residuals import Residuals, own_forces
+from hydro_ident.mismatch.settings import DiagnosisSettings
+from hydro_ident.mismatch.split.held_out import rms
+from hydro_ident.mismatch.split.residuals import Residuals, own_forces, residuals
 from hydro_ident.mismatch.trials.candidates import trials
+from hydro_ident.recordings.sources import sources_of
 from hydro_model.effects.catalogue import resolve
 from hydro_model.multibody.base_parameters import base_map, with_base
 from hydro_model.robot import BaseParameter, EffectSpec, Robot
@@ -190,6 +197,82 @@ def test_what_nobody_determined_is_not_kept_at_a_datasheets_value(
     assert written.base_parameters[at[0]].value == pytest.approx(found[0], rel=2e-3)
     assert written.base_covariance is not None
     assert written.base_covariance[at, at] > 0.0
+
+
+Kept = Callable[[Robot], Residuals]
+
+
+@pytest.fixture(scope="module")
+def kept_as(make_run: MakeRun) -> Kept:
+    """The same recording again, under a base that is to be kept as given."""
+    true_crane, simulated_run = make_run
+    truth = replace(true_crane(), effects=(SPRING,))
+    sources = sources_of([simulated_run(truth, 13.0).recording()])
+
+    def laid(given: Robot) -> Residuals:
+        surveys = [survey_source(source, given) for source in sources]
+        found = residuals(given, sources, [], surveys, DiagnosisSettings(fixed_base=True))
+        assert found is not None
+        return found
+
+    return laid
+
+
+@pytest.fixture(scope="module")
+def off_its_file(work: Residuals, identified: Robot, kept_as: Kept) -> Residuals:
+    """A link's moment that the file has forty of its deviations from what the rows say."""
+    base, covariance = work.training.predictor.material.forces.base, identified.base_covariance
+    assert covariance is not None
+    at = base.names.index("tilt_link.mcx")
+    values = np.array([own.value for own in identified.base_parameters])
+    values[at] += 40.0 * np.sqrt(covariance[at, at])
+    return kept_as(with_base(identified, base, values))
+
+
+def test_a_kept_base_that_rows_move_is_told(
+    work: Residuals, identified: Robot, off_its_file: Residuals, kept_as: Kept
+) -> None:
+    """Nothing of it is left in any residual: what is known of the base alone says so."""
+    same = kept_as(identified)
+    assert moved_base(same.training, same.base) == {}
+    assert moved_base(work.training, work.base) == {}
+    told = moved_base(off_its_file.training, off_its_file.base, grossly=True)
+    assert any("tilt_link.mcx" in text for text in told.values())
+    assert all(name.endswith("/force") for name in told)
+
+
+def test_an_edge_that_moves_within_its_laws_precision_is_told_and_no_more(
+    identified: Robot, kept_as: Kept
+) -> None:
+    valve, *others = identified.valves
+    for share, grossly in ((0.005, False), (0.08, True)):
+        off = replace(valve, c_pa=valve.c_pa * (1.0 + share))
+        std = {**identified.standard_deviations, f"{valve.name}.c_pa": share / 8.0 * valve.c_pa}
+        given = replace(identified, valves=(off, *others), standard_deviations=std)
+        own = kept_as(given)
+        assert "c_pa" in " ".join(moved_base(own.training, own.base).values())
+        told = " ".join(moved_base(own.training, own.base, grossly=True).values())
+        assert ("c_pa" in told) is grossly
+
+
+def test_a_load_that_moves_a_kept_base_counts_by_all_that_it_does(
+    work: Residuals, off_its_file: Residuals
+) -> None:
+    """A refit leaves less of it than drifting transducers make; the file does not allow that."""
+    spec = EffectSpec("payload_change", "xs031", {"mass": 1.0})
+    (load,) = resolve(replace(work.robot, effects=(spec,)))
+    for laid, counts in ((off_its_file, True), (work, False)):
+        training, base = laid.training, laid.base
+        column = training.predictor.contribution(base.model, load)
+        channel = training.predictor.material.channel[training.mask]
+        own = training.bench(base.bench.noise, column, base.columns)
+        left = (column - base.columns @ own.solve())[training.mask]
+        sizes = [rms(left[channel == k]) for k in range(2)]
+        drifts = [drift_of(training.predictor.material, k) for k in range(2)]
+        scale = 0.2 * min(d / s for d, s in zip(drifts, sizes, strict=True) if s > 0.0)
+        swallowed = base.columns[:, training.predictor.names.index("tilt_link.mcx")]
+        whole = 40.0 * swallowed + scale * column
+        assert worthy(training, base, base, base.bench, load, whole, 1e9) is counts
 
 
 @pytest.mark.parametrize("parts", [False, True])

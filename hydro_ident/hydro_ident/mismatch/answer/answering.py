@@ -16,6 +16,7 @@ from hydro_ident.mismatch.answer.lacking import (
     with_more,
 )
 from hydro_ident.mismatch.answer.loads_apart import with_loads
+from hydro_ident.mismatch.answer.moved_base import moved_base
 from hydro_ident.mismatch.answer.odd_valve import explains, held_to_others, odd_valve, slower_spool
 from hydro_ident.mismatch.answer.outcome import Finding
 from hydro_ident.mismatch.answer.withdrawal import withdrawn
@@ -218,4 +219,5 @@ def _completed(answer: Answer) -> tuple[Unexplained, ...]:
     contradicted = lacking_elsewhere(here, moving, least, floors)
     found = with_more(answer.unknown, contradicted, left, confirmed=True)
     found = with_loads(found, work.training, whole, work.check)
+    found = with_more(found, moved_base(work.training, whole, grossly=True), left)
     return with_more(found, readings_apart(work.training, whole), left)

@@ -20,6 +20,7 @@ from hydro_ident.mismatch.answer.doubts import doubts
 from hydro_ident.mismatch.answer.half_read import beside_half_read
 from hydro_ident.mismatch.answer.hardly_shows import hardly_notes, parted_hardly
 from hydro_ident.mismatch.answer.minor import minor_notes, parted, parted_unknown
+from hydro_ident.mismatch.answer.moved_base import moved_base
 from hydro_ident.mismatch.answer.not_testable import not_testable
 from hydro_ident.mismatch.answer.notes import (
     apart,
@@ -194,6 +195,7 @@ def _diagnosed(
     untold = {name: ratio for name, ratio in ratios.items() if name not in told}
     notes += left_notes(channels) + apart_notes(untold) + unverified_notes(work, channels)
     notes += beyond_notes(work.check, seen)
+    notes += moved_base(work.training, whole).values()
     notes += instant_notes(work, whole)
     # At rest dry friction is whatever holds the load, and what is left there no law's to explain.
     in_motion = channels_of(work, whole, replace(seen, mask=seen.rows_in_motion))

@@ -46,10 +46,25 @@ class Prior:
         ``root (theta - values)`` has unit variance.
     values : (p,) array
         Of delays what they come to, not their step, s.
+    kept : int
+        How many of the first rows are of a base that is kept as given.
     """
 
     root: FloatArray
     values: FloatArray
+    kept: int = 0
+
+    def moved(self, step: FloatArray) -> float:
+        """How far a step (p,) would move a base that is kept, in deviations; 0 of another one."""
+        return float(np.abs(self.root[: self.kept] @ step).max(initial=0.0))
+
+    def deviations(self) -> FloatArray:
+        """What a kept base's numbers are known to, (p,); infinite of those that it leaves open."""
+        result, root = np.full(self.values.size, np.inf), self.root[: self.kept]
+        held = np.flatnonzero(root.any(axis=0))
+        inverse = np.linalg.pinv(root[:, held])
+        result[held] = np.sqrt(np.sum(inverse**2, axis=1))
+        return result
 
     def rows(self, columns: int) -> FloatArray:
         """The root for a fit of so many columns, those of the base first, (m, columns)."""
@@ -69,7 +84,8 @@ class Prior:
             if name in names:
                 at = list(names).index(name)
                 root[:, k], values[k] = self.root[:, at], self.values[at]
-        return Prior(root[root.any(axis=1)], values)
+        known = np.asarray(root.any(axis=1))
+        return Prior(root[known], values, int(np.count_nonzero(known[: self.kept])))
 
 
 def left_open(predictor: Predictor, given: Robot) -> list[str]:
@@ -193,7 +209,7 @@ def fixed_prior(predictor: Predictor, given: Robot, values: FloatArray) -> Prior
     scaled, vectors = np.linalg.eigh(variance / np.outer(scale, scale))
     root = np.zeros((len(held), len(names)))
     root[:, held] = (vectors / np.sqrt(np.maximum(scaled, 1e-12))).T / scale
-    return Prior(root, values)
+    return Prior(root, values, len(held))
 
 
 def parts_prior(predictor: Predictor, given: Robot, values: FloatArray) -> Prior | None:
@@ -271,8 +287,8 @@ def _with_rows(
 ) -> Prior | None:
     if not rows:
         return prior
-    roots = [] if prior is None else [prior.root]
-    return Prior(np.concatenate([*roots, np.array(rows)]), values)
+    roots, kept = ([], 0) if prior is None else ([prior.root], prior.kept)
+    return Prior(np.concatenate([*roots, np.array(rows)]), values, kept)
 
 
 def _has_forces(predictor: Predictor) -> bool:

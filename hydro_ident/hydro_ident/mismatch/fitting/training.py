@@ -151,6 +151,10 @@ class Training:
             now[at] = model.delays_s[index]
         return np.asarray(self.prior.root @ (self.prior.values - now))
 
+    def off(self, model: Model) -> FloatArray:
+        """How far a kept base is from the file's, (k,) in deviations; empty of another one."""
+        return self.offset(model)[: 0 if self.prior is None else self.prior.kept]
+
     def squares(self, noise: Noise, residual: FloatArray, offset: FloatArray) -> float:
         """Sum of squares of a residual on the whitened training rows, as its bench's `squares`.
 

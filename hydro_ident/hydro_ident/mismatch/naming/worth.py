@@ -14,6 +14,7 @@ from hydro_ident.mismatch.rows.onset import begins, ends
 from hydro_ident.mismatch.settings import (
     ADDED_SHARE,
     LEAST_SHARE_UNCONFIRMED,
+    MOVED,
     PRECISION,
     PRECISION_COMPRESSED,
     PRECISION_FLOW,
@@ -97,8 +98,11 @@ def worthy(
     if all(s < (of_flows if material.is_flow(k) else PRECISION) for k, s in shares.items()):
         return False
     drifts = {k: drift_of(material, k) for k in acting}
+    # A kept base makes room for it only beyond what its file says: then all of it counts.
+    base = own.solve()[: len(training.predictor.names)]
+    counted = whole[mask] if _beyond_kept(training, current, base) else fresh
     if active.effect.name in STATIC and all(
-        not material.is_flow(k) and rms(fresh[channel == k]) < _STATIC_SHARE * drifts[k]
+        not material.is_flow(k) and rms(counted[channel == k]) < _STATIC_SHARE * drifts[k]
         for k in acting
     ):
         return False
@@ -125,6 +129,13 @@ def worthy(
         return True
     share = _OPENING_SHARE if beside else ADDED_SHARE
     return gain >= share**2 * _explained(training, current, bench, acting)
+
+
+def _beyond_kept(training: Training, current: Fitted, step: FloatArray) -> bool:
+    """Whether a kept base is further from its file than that says, and a step moves it as far."""
+    off = np.abs(training.off(current.model)).max(initial=0.0)
+    known = training.prior
+    return known is not None and off > MOVED and known.moved(step) > MOVED
 
 
 def _beyond_steps(
