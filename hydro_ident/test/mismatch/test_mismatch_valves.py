@@ -10,7 +10,15 @@ import numpy as np
 import pytest
 
 from hydro_ident.estimate.effects.listed_effects import ListedEffects
+from hydro_ident.mismatch.answer.reversed_valves import (
+    reversed_notes,
+    reversed_valves,
+    untold,
+    with_given_valves,
+)
 from hydro_ident.mismatch.fitting.stepping import is_free
+from hydro_ident.mismatch.locating.locate import dependences
+from hydro_ident.mismatch.modelling.model import robot_of
 from hydro_ident.mismatch.naming.name import Search, Searcher
 from hydro_ident.mismatch.naming.worth import _opens_beside
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
@@ -168,3 +176,33 @@ def test_an_overlap_of_a_third_of_the_command_is_found(
     assert found.names[0] == "valve_deadband"
     assert found.term.target == "lift_cylinder"
     assert found.term.parameters[0] == pytest.approx(0.36, rel=0.02)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_signal_of_the_wrong_sign_is_said_and_no_edge_of_it_is_written(
+    sign: float, crane_run: Any, lay_out: Callable[..., Residuals]
+) -> None:
+    """A fit keeps edges above zero, at numbers of no valve: the file's stay."""
+    work = lay_out(replace(crane_run, voltage=crane_run.voltage * [sign, 1.0]))
+    wrong = reversed_valves(work.training, work.base)
+    left = dependences(work.training, work.base)
+    told = {one.channel: one for one in untold((), wrong, work.robot, left)}
+    if sign > 0.0:
+        assert not wrong
+        assert not told
+        return
+    assert list(wrong) == ["lift_valve"]
+    assert "the sign of lift_valve's signal is likely reversed" in wrong["lift_valve"]
+    assert set(told) == {"lift/flow_a", "lift/flow_b"}
+    (note,) = reversed_notes(wrong)
+    assert "stay as the robot file has them" in note
+    fitted = robot_of(work.training.predictor, work.base, work.robot).robot
+    stuck = replace(fitted.valves[0], c_bt=7.0e-9), fitted.valves[1]
+    kept = with_given_valves(replace(fitted, valves=stuck), work.robot, tuple(wrong))
+    assert kept.valves[0] == work.robot.valves[0]
+    assert kept.valves[1] == fitted.valves[1]
+    moduli = [c.bulk_modulus_pa for c in kept.cylinders]
+    assert moduli[0] == work.robot.cylinders[0].bulk_modulus_pa
+    assert moduli[1] == fitted.cylinders[1].bulk_modulus_pa
+    assert not [n for n in kept.standard_deviations if n.startswith("lift_valve.c_")]
+    assert "lift_cylinder.bulk_modulus" not in kept.standard_deviations

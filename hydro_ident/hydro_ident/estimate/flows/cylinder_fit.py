@@ -8,7 +8,7 @@ result outside physical bounds is rejected and said, never replaced.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -267,16 +267,32 @@ def _wrong_edges(fit: CylinderFit) -> str:
     wrong = {name: value for name in told if (value := fit.value(name)[0]) <= 0.0}
     if not wrong:
         return ""
+    if set(wrong) == set(_edges(fit)):
+        return reversed_edges(fit.valve, wrong)
+    return f"{_expected(wrong)}{_cause_of(set(wrong), fit)}"
+
+
+def reversed_edges(valve: str, wrong: Mapping[str, float]) -> str:
+    """What it says that all of a valve's edges are below zero.
+
+    Parameters
+    ----------
+    valve : str
+    wrong : mapping of str to float
+        The edges, by name.
+    """
+    return (
+        f"{_expected(wrong)}; all are below it: the sign of {valve}'s signal is likely reversed,"
+        " or that of the piston's position"
+    )
+
+
+def _expected(wrong: Mapping[str, float]) -> str:
     found = ", ".join(f"{name} = {value:.3g}" for name, value in wrong.items())
-    return f"expected edge coefficients above 0, found {found}{_cause_of(set(wrong), fit)}"
+    return f"expected edge coefficients above 0, found {found}"
 
 
 def _cause_of(wrong: set[str], fit: CylinderFit) -> str:
-    if wrong == set(_edges(fit)):
-        return (
-            f"; all are below it: the sign of {fit.valve}'s signal is likely reversed, or that of"
-            " the piston's position"
-        )
     for rail, of_rail in (("supply", {"c_pa", "c_pb"}), ("tank", {"c_at", "c_bt"})):
         if wrong == of_rail.intersection(_edges(fit)):
             return f"; those of the {rail} alone are below it: its reading is likely wrong"

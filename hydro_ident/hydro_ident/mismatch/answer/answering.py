@@ -19,6 +19,7 @@ from hydro_ident.mismatch.answer.loads_apart import with_loads
 from hydro_ident.mismatch.answer.moved_base import moved_base
 from hydro_ident.mismatch.answer.odd_valve import explains, held_to_others, odd_valve, slower_spool
 from hydro_ident.mismatch.answer.outcome import Finding
+from hydro_ident.mismatch.answer.reversed_valves import reversed_valves, untold
 from hydro_ident.mismatch.answer.withdrawal import withdrawn
 from hydro_ident.mismatch.fitting.as_listed import LISTED_GAIN, relisted
 from hydro_ident.mismatch.fitting.fitted import Fitted
@@ -220,4 +221,6 @@ def _completed(answer: Answer) -> tuple[Unexplained, ...]:
     found = with_more(answer.unknown, contradicted, left, confirmed=True)
     found = with_loads(found, work.training, whole, work.check)
     found = with_more(found, moved_base(work.training, whole, grossly=True), left)
-    return with_more(found, readings_apart(work.training, whole), left)
+    found = with_more(found, readings_apart(work.training, whole), left)
+    wrong = reversed_valves(work.training, work.base)
+    return untold(found, wrong, work.robot, left) if wrong else found

@@ -46,6 +46,11 @@ from hydro_ident.mismatch.answer.outcome import (
     Finding,
 )
 from hydro_ident.mismatch.answer.rail_constants import parted_rails, rail_notes
+from hydro_ident.mismatch.answer.reversed_valves import (
+    reversed_notes,
+    reversed_valves,
+    with_given_valves,
+)
 from hydro_ident.mismatch.answer.runs_off import runs_off
 from hydro_ident.mismatch.answer.taken_out import off_notes, without_off_centre
 from hydro_ident.mismatch.fitting.as_listed import as_listed_notes
@@ -230,9 +235,16 @@ def _modelled(
     """The final fit, the robots without findings and with them, and how roll-outs moved it."""
     work, whole, fixed = answer.work, answer.whole, settings.fixed_base
     predictor = work.training.predictor
-    modelled = robot_of(predictor, whole, work.robot, fixed)
-    without = robot_of(predictor, work.base, work.robot, fixed) if answer.findings else modelled
-    if settings.refine is None:
+    wrong = reversed_valves(work.training, work.base)
+
+    def described(one: Fitted) -> Modelled:
+        own = robot_of(predictor, one, work.robot, fixed)
+        robot = with_given_valves(own.robot, work.robot, tuple(wrong)) if wrong else own.robot
+        return replace(own, robot=robot, notes=(*own.notes, *reversed_notes(wrong)))
+
+    modelled = described(whole)
+    without = described(work.base) if answer.findings else modelled
+    if settings.refine is None or wrong:
         return whole, without.robot, modelled, None
     refined = refine(work, whole, modelled.robot, settings.refine, fixed)
     return refined.whole, without.robot, replace(modelled, robot=refined.robot), refined
