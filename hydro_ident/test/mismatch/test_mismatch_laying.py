@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
+from hydro_ident.errors import NotEnoughDataError
 from hydro_ident.estimate.flows.chambers import WindowSettings
 from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.estimate.signals.traces import traces_of
@@ -19,6 +20,7 @@ from hydro_ident.mismatch.answer.outcome import EXPLAINED, PARTLY
 from hydro_ident.mismatch.rows.laying import material_of
 from hydro_ident.mismatch.rows.material import Material
 from hydro_ident.mismatch.settings import DiagnosisSettings
+from hydro_ident.mismatch.split.half_read import half_read
 from hydro_ident.mismatch.split.residuals import own_forces, residuals
 from hydro_ident.recordings.sources import sources_of
 from hydro_model.robot import EffectSpec, Robot
@@ -138,6 +140,28 @@ def test_rows_to_verify_on_know_what_the_fitted_ones_do(crane_run, lay_out: Any)
         work = lay_out(runs[0], runs[1:])
         assert "lift/flow_a" in work.training.predictor.material.channels
         assert ("lift/flow_a" in work.check.predictor.material.channels) is own
+
+
+def test_a_pressure_that_only_the_fitted_recordings_have_is_to_blame(
+    crane_run, robot: Robot
+) -> None:
+    """Not how long the others are: both balances of that cylinder are lost to verify on."""
+    lift = crane_run.recording("check", **_without(crane_run, "a"))
+    no_a = crane_run.recording("check", p_a=np.full_like(crane_run.p_a, np.nan))
+    fitted = sources_of([crane_run.recording("run")])
+    first = [survey_source(one, robot) for one in fitted]
+    for given, lost in ((lift, ["lift/flow_b"]), (no_a, ["lift/flow_b", "tilt/flow_b"])):
+        others = sources_of([given])
+        surveys = [*first, *(survey_source(one, robot) for one in others)]
+        found = half_read(robot, first, surveys)
+        assert [one.channel for one in found] == lost
+        assert {one.bag for one in found} == {"check"}
+        assert all("no lift_cylinder/a" in one.reason for one in found[:1])
+    assert half_read(robot, surveys[1:], surveys[1:]) == ()
+    with pytest.raises(NotEnoughDataError, match="found none") as error:
+        residuals(robot, fitted, others, surveys, DiagnosisSettings())
+    assert "no lift_cylinder/a in" in str(error.value)
+    assert "longer" not in str(error.value)
 
 
 @pytest.mark.thorough

@@ -61,6 +61,7 @@ from hydro_ident.mismatch.modelling.refinement import Refinement, refine
 from hydro_ident.mismatch.naming.instants import at_own_instants, begun
 from hydro_ident.mismatch.rows.off_centre import OffCentre
 from hydro_ident.mismatch.settings import DiagnosisSettings
+from hydro_ident.mismatch.split.half_read import half_read
 from hydro_ident.mismatch.split.listed_friction import bristle_notes
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
 from hydro_ident.mismatch.trials.exclusion import shut_out
@@ -110,6 +111,7 @@ def diagnose(
     advance("first look at the bags", 0, STAGES)
     looked = looked_at(robot, sources, others)
     surveys = looked.surveys
+    losses = (*looked.losses, *half_read(robot, surveys[: len(looked.sources)], surveys))
     recordings = recording_summaries(surveys, len(looked.sources))
     wrong = wrong_robot(robot, [s.recording for s in surveys])
     if not looked.sources:
@@ -130,11 +132,11 @@ def diagnose(
             robot,
             None,
             problems=problems,
-            losses=looked.losses,
+            losses=losses,
             recordings=recordings,
             notes=(*looked.left_out, *recorded_notes(surveys)),
         )
-    found = _diagnosed(held, lay, settings, looked.losses)
+    found = _diagnosed(held, lay, settings, losses)
     return replace(found, recordings=recordings, notes=(*looked.left_out, *found.notes))
 
 

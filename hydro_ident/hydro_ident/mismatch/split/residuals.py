@@ -44,6 +44,7 @@ from hydro_ident.mismatch.rows.telling import telling
 from hydro_ident.mismatch.rows.whole import read_whole
 from hydro_ident.mismatch.settings import LONGEST_SCAN_S, DiagnosisSettings
 from hydro_ident.mismatch.split.check import Check, elsewhere, held_back
+from hydro_ident.mismatch.split.half_read import half_read, none_left
 from hydro_ident.mismatch.split.listed_friction import bristled
 from hydro_ident.mismatch.split.parts import (
     hardly_held,
@@ -214,7 +215,8 @@ def residuals(
     if others:
         traces = spread_parts(recorded, settings.longest_s)
         unlocked = {s.name: [j for j in locked if j not in still[s.name]] for s in surveys}
-        there = _material_there(laid, traces, others)
+        lost = none_left(half_read(robot, surveys[: len(sources)], surveys[len(sources) :]))
+        there = _material_there(laid, traces, others, lost)
         check, said = elsewhere(there, training, signals, unlocked, still)
         notes += partly("verified on", recorded, traces) + said
     else:
@@ -238,13 +240,19 @@ def _searched(
     return Training.of(predictor, rows, training.known(predictor), training.as_listed)
 
 
-def _material_there(laid: _Laid, traces: Sequence[Trace], others: Sequence[Source]) -> Material:
-    """Rows to verify on; where there are none, not the fitted recordings are to blame."""
+def _material_there(
+    laid: _Laid, traces: Sequence[Trace], others: Sequence[Source], lost: str
+) -> Material:
+    """Rows to verify on; where there are none, not the fitted recordings are to blame.
+
+    `lost` says what pressures they lack that the fitted ones have.
+    """
     there = laid.material(traces)
     if there.size:
         return there
     raise NotEnoughDataError(
-        f"{', '.join(s.name for s in others)}: expected rows to verify on, found none: take a"
+        lost
+        or f"{', '.join(s.name for s in others)}: expected rows to verify on, found none: take a"
         " longer recording, of every joint in motion, or none, and every fifth block of the others"
         " is kept for it"
     )
