@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -156,3 +157,34 @@ def test_a_line_that_noise_makes_of_inertia_is_told_from_one_that_is_there(
     p_a[:, 0] += 5e3 * np.sin(2.0 * np.pi * time_s)
     hummed = lay_out(replace(run, p_a=p_a))
     assert not Encoders(hummed.training).makes(hummed.base, _line(hummed))
+
+
+def _seen_as(noise: np.ndarray, kept: float) -> Any:
+    """A predictor of a recording that is noise, of which a law keeps a share out of the force."""
+
+    def residual(model: str) -> np.ndarray:
+        return (1.0 - kept) * noise if model == "with the law" else noise
+
+    material = SimpleNamespace(channels=("lift/force",), is_flow=lambda _: False)
+    return SimpleNamespace(
+        material=material, residual=residual, contribution=lambda *_: kept * noise
+    )
+
+
+@pytest.mark.parametrize("thought", [1.0, 10.0])
+def test_what_a_law_keeps_out_of_the_noise_is_no_sign_that_there_is_less_of_it(
+    thought: float,
+) -> None:
+    """A mode far below the noise takes three quarters of the inertia away, and noise with it."""
+    there, *more = np.random.default_rng(5).normal(size=(3, 2000))
+    mask, kept = np.ones(there.size, dtype=bool), 0.75
+    training: Any = SimpleNamespace(mask=mask, predictor=_seen_as(there, kept))
+    encoders = Encoders(training)
+    encoders.__dict__["_twins"] = [_seen_as(there + thought * one, kept) for one in more]
+    bench = SimpleNamespace(
+        beyond=lambda columns: columns, residual=there, channel=np.zeros(there.size, dtype=int)
+    )
+    whole = SimpleNamespace(model="with the law", left=(1.0 - kept) * there)
+    without: Any = SimpleNamespace(model="without", bench=bench)
+    law: Any = SimpleNamespace(term=None, fitted=whole)
+    assert encoders.share(without, law) == pytest.approx(1.0, abs=0.1)

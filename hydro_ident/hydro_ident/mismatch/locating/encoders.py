@@ -6,7 +6,8 @@ its frequency, explains noise by the same noise: errors in variables (Fuller, Me
 Models, 1987, section 1.1). How much of it is told by recordings with noise added once more: what
 that adds to residual and law goes together as what was there before does. There is no more noise
 than a fit with the law leaves: where the encoders' is less than their resolution lets expect, what
-is added is scaled down to that.
+is added is scaled down to that. What is compared with it is what the law lets through of the added
+noise: a spring that takes inertia away keeps most of it out, of both alike.
 """
 
 from __future__ import annotations
@@ -72,16 +73,22 @@ class Encoders:
         """
         model, bench, mask = without.model, without.bench, self.training.mask
         predictor = self.training.predictor
-        column, left = predictor.contribution(model, one.term), predictor.residual(model)
-        found = float(bench.beyond(column[mask][:, None])[:, 0] @ bench.residual)
-        by_noise, added_squares = 0.0, 0.0
+        whole, term = one.fitted.model, one.term
+
+        def _seen_by(of: Predictor) -> FloatArray:
+            """What is left without and with the law, and what the law does."""
+            left = of.residual(model), of.residual(whole), of.contribution(model, term)
+            return np.stack(left, axis=1)[mask]
+
+        there = _seen_by(predictor)
+        found = float(bench.beyond(there[:, 2:])[:, 0] @ bench.residual)
+        by_noise, let_through = 0.0, 0.0
         forced = self._forced(bench.channel)
         for twin in self._twins:
-            added = twin.residual(model) - left, twin.contribution(model, one.term) - column
-            both = bench.beyond(np.stack(added, axis=1)[mask])
-            by_noise += float(both[:, 0] @ both[:, 1])
-            added_squares += float(np.sum(both[forced, 0] ** 2)) / _TWINS
-        by_noise *= _there(one.fitted.left[forced], added_squares) / _TWINS
+            added = bench.beyond(_seen_by(twin) - there)
+            by_noise += float(added[:, 0] @ added[:, 2])
+            let_through += float(np.sum(added[forced, 1] ** 2)) / _TWINS
+        by_noise *= _there(one.fitted.left[forced], let_through) / _TWINS
         return by_noise / found if found > 0.0 else 1.0
 
     def makes(self, whole: Fitted, one: Dependence) -> bool:
