@@ -70,6 +70,38 @@ def test_angles_rounded_behind_a_fine_encoder_are_as_coarse_as_they_were_written
     assert encoder_noise(survey) == pytest.approx(1e-3 / math.sqrt(12.0), rel=0.01)
 
 
+BAR = 1.0e5
+
+
+def test_pressures_that_a_log_rounds_to_bars_are_as_coarse_in_every_floor(
+    robot: Robot, crane_run: Any
+) -> None:
+    """A file of transducers that tell 10 mbar says nothing of what a log makes of them."""
+    whole = {n: BAR * np.round(getattr(crane_run, n) / BAR) for n in ("p_a", "p_b")}
+    exact, rounded = (
+        SignalSurvey.of(robot, traces_of([crane_run.recording(**columns)]))
+        for columns in ({}, whole)
+    )
+    expected = BAR / math.sqrt(12.0)
+    assert sensor_noise(robot, rounded)[2:] == pytest.approx(expected, rel=0.2)
+    assert sensor_noise(robot, exact)[2:] == pytest.approx(4.0e3, rel=0.2)
+    chamber, windows = chambers_of(robot)[0], WindowSettings(length_s=0.05)
+    flows = [flow_noise(robot, chamber, one, windows, 1e-9) for one in (exact, rounded)]
+    forces = [force_noise(force_model(robot), one, FilterSettings()) for one in (exact, rounded)]
+    assert flows[1] > 3.0 * flows[0]
+    assert np.all(forces[1] > 1.5 * forces[0])
+
+
+def test_a_reading_that_stands_but_for_an_event_shows_no_step() -> None:
+    """A transducer that is stuck, but for one glitch of 50 bar."""
+    stuck = np.full(10_000, 20.0 * BAR)
+    stuck[5000] += 50.0 * BAR
+    sensor = Sensor()
+    sensor.add(stuck, slice(0, stuck.size), 0.002)
+    assert sensor.smallest_change == 50.0 * BAR
+    assert sensor.step(1000.0) == 1000.0
+
+
 def test_floors_are_the_same_whichever_recording_comes_first(robot: Robot, crane_run: Any) -> None:
     """Of two rates they lie between those of either, nearer the one that was recorded longer."""
     quick = crane_run.recording()

@@ -14,7 +14,7 @@ from hydro_ident.estimate.signals.derivatives import (
     central_differences,
     low_pass,
 )
-from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.signals.signal_survey import Sensor, SignalSurvey
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_model.hydraulics.cylinder import lever
 from hydro_model.multibody.rigid_body import mass_matrix
@@ -56,7 +56,7 @@ def force_noise(
         variance[joint] /= float(lever(cylinder, pose[joint])) ** 2
         sensors = (survey.p_a[i], cylinder.area_a_m2), (survey.p_b[i], cylinder.area_b_m2)
         for sensor, area in sensors:
-            noise = sensor.noise(robot.sensors.pressure_resolution_pa)
+            noise = pressure_noise(robot, sensor)
             variance[joint] += (area * noise * smooth) ** 2
     return np.asarray(np.sqrt(variance))
 
@@ -90,7 +90,7 @@ def flow_noise(
     area = cylinder.area_a_m2 if chamber.side == "a" else cylinder.area_b_m2
     piston = survey.mean_arm(i) * encoder_noise(survey)[robot.joint_index(cylinder.joint)]
     sensor = (survey.p_a if chamber.side == "a" else survey.p_b)[i]
-    pressure = sensor.noise(robot.sensors.pressure_resolution_pa)
+    pressure = pressure_noise(robot, sensor)
     volume = survey.mean_volume(i, chamber.side)
     ends = (area * piston) ** 2 + (volume * inverse_bulk * pressure) ** 2
     return float(np.sqrt(2.0 * ends) / span)
@@ -99,6 +99,19 @@ def flow_noise(
 def _span_s(windows: WindowSettings, step_s: float) -> float:
     """Length of a window of whole sampling intervals, s."""
     return max(1, round(windows.length_s / step_s)) * step_s
+
+
+def pressure_noise(robot: Robot, sensor: Sensor) -> float:
+    """Standard deviation of a pressure by its transducer's noise and by the log's steps, Pa.
+
+    Parameters
+    ----------
+    robot : Robot
+        Whose transducers have a resolution.
+    sensor : Sensor
+        What was seen of the pressure.
+    """
+    return sensor.noise(sensor.step(robot.sensors.pressure_resolution_pa))
 
 
 def encoder_noise(survey: SignalSurvey) -> FloatArray:

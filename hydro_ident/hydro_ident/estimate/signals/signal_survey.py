@@ -108,6 +108,19 @@ class Sensor:
         """The resolution as far as it was seen; 0 where the reading never changed."""
         return self.smallest_step if math.isfinite(self.smallest_step) else 0.0
 
+    def step(self, declared: float) -> float:
+        """The step between readings: a log may have been rounded behind its sensor.
+
+        Of a reading that stands still nearly all the time the least change is an event's, no step.
+
+        Parameters
+        ----------
+        declared : float
+            The sensor's own.
+        """
+        changes = self.differences[0].quantile(_LARGEST) > 0.0
+        return max(declared, self.smallest_change) if changes else declared
+
     @property
     def usual_size(self) -> float:
         """Size that 95 % of the readings do not pass."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.estimate.effects.held_effects import sensor_errors
-from hydro_ident.estimate.scoring.noise import encoder_noise
+from hydro_ident.estimate.scoring.noise import encoder_noise, pressure_noise
 from hydro_ident.estimate.scoring.scores import HoldOut
 from hydro_ident.estimate.signals.derivatives import low_pass
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
@@ -111,8 +111,7 @@ class Shots:
 
 def sensor_noise(robot: Robot, signals: SignalSurvey) -> FloatArray:
     """Noise of positions and pressures, (n + 2 m,), in the order of `Shots.errors`."""
-    fine = robot.sensors.pressure_resolution_pa
-    pressures = [sensor.noise(fine) for sensor in (*signals.p_a, *signals.p_b)]
+    pressures = [pressure_noise(robot, sensor) for sensor in (*signals.p_a, *signals.p_b)]
     return np.array([*encoder_noise(signals), *pressures])
 
 

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from hydro_ident.estimate.scoring.noise import pressure_noise
 from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.mismatch.rows.material import Material, Place, pressure_of
 from hydro_ident.mismatch.rows.rests import moving_rows
@@ -49,7 +50,7 @@ def _told(material: Material, place: Place, signals: SignalSurvey) -> BoolArray:
     first = chamber.side == "a"
     pressure = pressure_of(chamber, trace)
     sensor = (signals.p_a if first else signals.p_b)[chamber.index]
-    noise = sensor.noise(material.robot.sensors.pressure_resolution_pa)
+    noise = pressure_noise(material.robot, sensor)
     u = trace.valve_signal[:, chamber.index]
     drop = np.abs(np.where((u > 0.0) == first, trace.supply - pressure, pressure - trace.tank))
     # A window may end at a sample whose signal is unknown: which edge is open there nobody knows.
