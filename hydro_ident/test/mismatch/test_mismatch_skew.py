@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from hydro_ident.estimate.signals.derivatives import (
 )
 from hydro_ident.identify.survey import survey_source
 from hydro_ident.mismatch.answer.lacking import readings_apart
+from hydro_ident.mismatch.answer.late_positions import without_late
+from hydro_ident.mismatch.answer.outcome import Finding
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import fit, settled
 from hydro_ident.mismatch.fitting.training import start_model
@@ -34,6 +37,7 @@ from hydro_ident.mismatch.settings import LEAST_CYCLES, DiagnosisSettings
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
 from hydro_ident.mismatch.trials.contender import Contender
 from hydro_ident.mismatch.trials.scoring import score
+from hydro_ident.mismatch.verifying.verify import Verification
 from hydro_ident.recordings.sources import sources_of
 from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.readings import EVERY_CHAMBER
@@ -183,6 +187,30 @@ def test_positions_that_lag_behind_are_told_whatever_else_is_found(
         told = readings_apart(work.training, work.base)
         assert bool(told) is apart
         assert all("before the positions" in text for text in told.values())
+
+
+@pytest.mark.parametrize(
+    ("late", "told", "stays"), [(True, False, False), (True, True, True), (False, False, True)]
+)
+def test_a_lag_that_nothing_tells_is_none_beside_positions_that_are_late(
+    late: bool, told: bool, stays: bool, make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    """A spool of 30 +- 2000 Hz predicts what is read as late, too: it is that lateness."""
+    run = _run(make_run, 0.0)
+    q = np.concatenate([run.q[:1].repeat(3, axis=0), run.q[:-3]])
+    work = lay_out(replace(run, q=q) if late else run)
+    spec = EffectSpec("valve_spool_lag", "lift_valve", {"frequency": 30.0, "damping": 0.8})
+    term = resolve(replace(load_robot("xs031"), effects=(spec,)))[0]
+    whole = fit(work.training, work.base.model.with_term(term))
+    deviation = 1e-6 if told else 1e4
+    whole = replace(whole, refined=deviation**2 * np.eye(len(whole.names)))
+    named: Any = SimpleNamespace(term=whole.model.terms[-1])
+    finding = Finding(named, Verification(1e-4, {}, {}, 0.0, True, ""), ("lift/flow_a",))
+    less, kept, refused = without_late(work, whole, [finding])
+    assert (kept == [finding]) is stays
+    assert (less is whole) is stays
+    assert all("read late" in one.verification.reason for one in refused)
+    assert len(refused) + len(kept) == 1
 
 
 @pytest.mark.thorough

@@ -15,6 +15,7 @@ from hydro_ident.mismatch.answer.lacking import (
     readings_apart,
     with_more,
 )
+from hydro_ident.mismatch.answer.late_positions import without_late
 from hydro_ident.mismatch.answer.loads_apart import with_loads
 from hydro_ident.mismatch.answer.moved_base import moved_base
 from hydro_ident.mismatch.answer.odd_valve import explains, held_to_others, odd_valve, slower_spool
@@ -25,6 +26,7 @@ from hydro_ident.mismatch.fitting.as_listed import LISTED_GAIN, relisted
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import NEAR, ONE_STEP, fit
 from hydro_ident.mismatch.locating.dependence import Dependence
+from hydro_ident.mismatch.locating.locate import dependences
 from hydro_ident.mismatch.locating.precision import accuracy_of
 from hydro_ident.mismatch.naming.name import Search
 from hydro_ident.mismatch.split.listed_friction import bends_of_listed, with_bristles
@@ -151,6 +153,9 @@ def _answered(work: Residuals, base: Fitted, stage: int) -> Answer:
     search, whole, findings, rejected = searched(work, base)
     advance("verifying on what was held out", stage + 1, STAGES)
     whole, findings, taken, left = withdrawn(work, whole, findings)
+    whole, findings, late = without_late(work, whole, findings)
+    if late:
+        rejected, left = [*rejected, *late], dependences(work.training, whole)
     work, whole = _relisted(work, whole)
     advance("describing what has no name", stage + 2, STAGES)
     unknown = _described(work, whole, left, findings, rejected)

@@ -116,14 +116,8 @@ def readings_apart(training: Training, whole: Fitted) -> dict[str, str]:
     """
     predictor, skews_s = training.predictor, whole.model.skews_s
     material, robot = predictor.material, predictor.material.robot
-    if not skews_s:
-        return {}
-    columns, result = predictor.skew_columns, dict[str, str]()
-    for reading in (r for r, at in columns.items() if predictor.names[at] in whole.held):
-        # Late positions make both chambers early: of one alone it is something else.
-        both = [skews_s[r] for r in (reading, reading ^ 1) if r in columns and reading != TORQUES]
-        if not is_unnamed(reading, skews_s[reading]) or any(s >= 0.0 for s in both):
-            continue
+    result = dict[str, str]()
+    for reading in _apart(training, whole):
         joints, what = predictor.torque_joints, "torques"
         if reading != TORQUES:
             cylinder = robot.cylinders[reading // 2]
@@ -131,6 +125,32 @@ def readings_apart(training: Training, whole: Fitted) -> dict[str, str]:
         for k, name in enumerate(material.channels):
             if not material.is_flow(k) and material.joint_of(k) in joints and name not in result:
                 result[name] = _apart_text(what, name, skews_s[reading])
+    return result
+
+
+def cylinders_apart(training: Training, whole: Fitted) -> set[int]:
+    """Cylinders whose positions are read so late, as `readings_apart` has it.
+
+    Parameters
+    ----------
+    training : Training
+    whole : Fitted
+        The final model.
+    """
+    return {reading // 2 for reading in _apart(training, whole) if reading != TORQUES}
+
+
+def _apart(training: Training, whole: Fitted) -> list[int]:
+    """Readings that come so far from the positions' instants that it is no base's."""
+    predictor, skews_s = training.predictor, whole.model.skews_s
+    columns, result = predictor.skew_columns, list[int]()
+    if not skews_s:
+        return result
+    for reading in (r for r, at in columns.items() if predictor.names[at] in whole.held):
+        # Late positions make both chambers early: of one alone it is something else.
+        both = [skews_s[r] for r in (reading, reading ^ 1) if r in columns and reading != TORQUES]
+        if is_unnamed(reading, skews_s[reading]) and all(s < 0.0 for s in both):
+            result.append(reading)
     return result
 
 
