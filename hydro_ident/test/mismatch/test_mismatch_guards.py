@@ -228,6 +228,22 @@ def test_a_clean_machine_leaves_the_noise_of_its_sensors(clean: Residuals) -> No
         assert 0.5 < left / floors[name] < 2.0, name
 
 
+def test_a_base_that_has_lost_its_inertia_says_nothing_of_the_noise(clean: Residuals) -> None:
+    """What it lacked had made -22 kg m^2 of 412: a twentieth of the noise stood as the floor."""
+
+    def floors(robot: Robot) -> dict[str, float]:
+        model = replace(clean.base.model, robot=robot)
+        return replace(clean, base=replace(clean.base, model=model)).noise_floors()
+
+    found = clean.base.model.robot
+    links = {"link_inertia": -0.05 * found.link_inertia}
+    if found.part_inertia is not None:
+        links["part_inertia"] = -0.05 * found.part_inertia
+    lost, given = floors(replace(found, **links)), floors(clean.robot)
+    forces = [name for name in lost if name.endswith("/force")]
+    assert [lost[name] for name in forces] == [given[name] for name in forces]
+
+
 @pytest.mark.parametrize("cylinder", [0, 1])
 def test_an_effect_acts_in_the_channel_of_its_own_joint_alone(
     clean: Residuals, cylinder: int

@@ -59,7 +59,8 @@ from hydro_ident.recordings.cleaning import Cleaner
 from hydro_ident.recordings.sources import Source
 from hydro_model.arrays import BoolArray
 from hydro_model.effects.catalogue import resolve
-from hydro_model.robot import Robot
+from hydro_model.multibody.rigid_body import mass_matrix
+from hydro_model.robot import FloatArray, Robot
 
 #: A lone reading off by this share of the sensor's usual size is an error, no quick transient.
 _GROSS = 0.2
@@ -121,7 +122,7 @@ class Residuals:
             zip(
                 material.forces.channels,
                 force_noise(
-                    material.forces, signals, material.filters, self.base.model.robot
+                    material.forces, signals, material.filters, self._robot_that_moves(signals)
                 ).tolist(),
                 strict=True,
             )
@@ -133,6 +134,20 @@ class Residuals:
                 1.0 / cylinder.bulk_modulus_pa,
             )  # fmt: skip
         return {name: float(floors[name]) for name in material.channels}
+
+    def _robot_that_moves(self, signals: SignalSurvey) -> Robot:
+        """With inertia as fitted, or as given where what the base lacks has taken that below 0.
+
+        What such a base makes of the encoders' noise says nothing of the machine's.
+        """
+        found = self.base.model.robot
+        able = (r for r in (found, self.robot) if _can_move(r, signals.pose))
+        return next(able, found)
+
+
+def _can_move(robot: Robot, pose: FloatArray) -> bool:
+    """Whether a robot's inertia resists every motion."""
+    return bool(np.linalg.eigvalsh(np.asarray(mass_matrix(robot, pose)))[0] > 0.0)
 
 
 def own_forces(robot: Robot, torque: bool) -> ForceModel:
