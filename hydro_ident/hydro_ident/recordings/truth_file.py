@@ -19,8 +19,8 @@ from hydro_ident.errors import BagError
 #: What the rig writes into its file (`hydro_hw_bridge.rig.truth_log`).
 SCHEMA = "hydro_hw_bridge/truth_log/1"
 ZERO_STAMP_KEY = "sample_zero_stamp_ns"
-#: Encoders whose zeros are off (0.05 rad, at a reach of some metres), bending links and lash do not
-#: put the tip of a run elsewhere by more than this in the median, m.
+#: Encoders whose zeros are off (0.05 rad, at a reach of some metres), bending links and lash put
+#: the tip of a run elsewhere by no more than this in the median, m.
 _OTHER_RUN_M = 0.5
 _COLUMNS = ("counter", "tip/x", "tip/y", "tip/z")
 

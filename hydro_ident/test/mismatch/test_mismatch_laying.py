@@ -20,7 +20,7 @@ from hydro_ident.mismatch.answer.outcome import EXPLAINED, PARTLY
 from hydro_ident.mismatch.rows.laying import material_of
 from hydro_ident.mismatch.rows.material import Material
 from hydro_ident.mismatch.settings import DiagnosisSettings
-from hydro_ident.mismatch.split.half_read import half_read
+from hydro_ident.mismatch.split.one_pressure import half_read
 from hydro_ident.mismatch.split.residuals import own_forces, residuals
 from hydro_ident.recordings.sources import sources_of
 from hydro_model.robot import EffectSpec, Robot

@@ -61,8 +61,8 @@ from hydro_ident.mismatch.modelling.refinement import Refinement, refine
 from hydro_ident.mismatch.naming.instants import at_own_instants, begun
 from hydro_ident.mismatch.rows.off_centre import OffCentre
 from hydro_ident.mismatch.settings import DiagnosisSettings
-from hydro_ident.mismatch.split.half_read import half_read
 from hydro_ident.mismatch.split.listed_friction import bristle_notes
+from hydro_ident.mismatch.split.one_pressure import half_read
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
 from hydro_ident.mismatch.trials.exclusion import shut_out
 from hydro_ident.mismatch.unnamed.unknown import Unexplained

@@ -44,8 +44,8 @@ from hydro_ident.mismatch.rows.telling import telling
 from hydro_ident.mismatch.rows.whole import read_whole
 from hydro_ident.mismatch.settings import LONGEST_SCAN_S, DiagnosisSettings
 from hydro_ident.mismatch.split.check import Check, elsewhere, held_back
-from hydro_ident.mismatch.split.half_read import half_read, none_left
 from hydro_ident.mismatch.split.listed_friction import bristled
+from hydro_ident.mismatch.split.one_pressure import half_read, none_left
 from hydro_ident.mismatch.split.parts import (
     hardly_held,
     length_s,
