@@ -250,7 +250,7 @@ class Truth:
         if len(moduli) > 1:
             raise BridgeError(
                 f"robot {robot.name}: the rig has one oil, found bulk moduli {sorted(moduli)} Pa;"
-                " where these were identified, give the rig the file that they were identified from"
+                " where these were identified, give the rig the file that was identified from"
             )
         return Truth(
             name="ideal",
