@@ -82,19 +82,30 @@ class Named:
         return replace(self, probability=tuple(s / total for s in shares), alike=alike)
 
     @property
+    def foremost(self) -> Contender:
+        """The member of the set that speaks for it.
+
+        The best name's, unless another predicts better by more than laws' forms are good for.
+        """
+        possible = self._possible
+        first, best = possible[0], max(possible, key=lambda c: c.held_out)
+        margin = FORM_TOLERANCE**2 * max(first.gain, best.gain)
+        return best if best.held_out - first.held_out > margin else first
+
+    @property
     def modelled(self) -> Contender:
         """The member of the set that stands in the model.
 
-        The best name's, unless another predicts better by more than laws' forms are good for. Of
-        laws that bear one name whichever predicts better: no name depends on it, but the model's
-        forces do, in motions that show more of their difference than those that it was fitted to.
+        Of the laws that bear the foremost one's name whichever predicts better: no name depends on
+        it, but forces do, in motions that show more of their difference than the fitted ones.
         """
-        possible = [c for c in self.contenders if not at_a_bound(c.term)] or self.contenders
-        mates = [c for c in possible if c.name == possible[0].name and _near(c, possible[0])]
-        first = max(mates, key=lambda c: 0.5 * c.held_out / self.spread - c.cost)
-        best = max(possible, key=lambda c: c.held_out)
-        margin = FORM_TOLERANCE**2 * max(first.gain, best.gain)
-        return best if best.held_out - first.held_out > margin else first
+        one = self.foremost
+        mates = [c for c in self._possible if c.name == one.name and _near(c, one)]
+        return max(mates, key=lambda c: 0.5 * c.held_out / self.spread - c.cost)
+
+    @property
+    def _possible(self) -> Sequence[Contender]:
+        return [c for c in self.contenders if not at_a_bound(c.term)] or self.contenders
 
     @property
     def term(self) -> ActiveEffect:
@@ -240,7 +251,7 @@ def named_of(
     shares = tuple(total[n] for n in names)
     one = Named(kept, shares, p, gain, tuple(ranked), own, few=few, allowance=allowance)
     # Near a limit either name may be meant.
-    return one.beside(dict.fromkeys(one.modelled.border_names, shares[0]))
+    return one.beside(dict.fromkeys(one.foremost.border_names, shares[0]))
 
 
 def _behind(

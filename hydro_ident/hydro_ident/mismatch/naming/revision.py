@@ -98,7 +98,7 @@ class Revision:
             own = 1.0 - sum(shares)
             odds = {n: p / own for n, p in zip(one.alike, shares, strict=True)}
             # Names near another law's limit are the fresh set's matter.
-            odds = {n: p for n, p in odds.items() if n not in one.modelled.border_names}
+            odds = {n: p for n, p in odds.items() if n not in one.foremost.border_names}
             fresh = fresh.beside(odds)
         return without, fresh
 
