@@ -243,7 +243,7 @@ SABOTAGES = (
         "unknown_never_reported",
         "what no law explains is passed over in silence",
         "mismatch/unnamed/unknown.py",
-        "return tuple(result[k] for k in sorted(result))",
+        "return tuple(of[k] for k in both for of in (result, rest) if k in of)",
         "return ()",
         f"{_GUARDS}::test_what_no_law_explains_is_reported",
     ),
