@@ -275,17 +275,18 @@ class Chain:
             assert self._answer(NO_ANSWER_S) is None
             self._advance(None, enable=True)
 
-    def driven(self) -> bool:
+    def driven(self, least_v: float = DRIVEN_V) -> bool:
         """By a motion: the noise of a hold is less."""
         last = self.rows[-5:]
-        return bool(last) and all(on and max(map(abs, v)) > DRIVEN_V for on, v in last)
+        return bool(last) and all(on and max(map(abs, v)) > least_v for on, v in last)
 
     def drive(self) -> None:
         """Ask for a motion of the tilt joint, and go on until it drives a valve."""
         self.controller()
         tilt = float(self.device.core.plant.q[1])
         begin = len(self.rows)
-        while not self.driven():
+        # Well beyond: what is on its way to the valves may be less again.
+        while not self.driven(1.5 * DRIVEN_V):
             if (len(self.rows) - begin) % AGAIN_CYCLES == 0:
                 self.ros.ask(tilt + (0.3 if tilt < -1.275 else -0.3))
             self.answered()
