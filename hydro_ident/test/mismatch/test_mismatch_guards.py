@@ -21,12 +21,12 @@ from hydro_ident.mismatch.answer.outcome import Diagnosis
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.locating.locate import dependences
-from hydro_ident.mismatch.naming.named import Named, named_of, untold_by_few
+from hydro_ident.mismatch.naming.named import Named, named_of
 from hydro_ident.mismatch.naming.worth import bears, in_reach
 from hydro_ident.mismatch.rows.prediction import Predictor
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.split.residuals import Residuals, residuals
-from hydro_ident.mismatch.trials.contender import Contender, shape_at_a_bound
+from hydro_ident.mismatch.trials.contender import Contender
 from hydro_ident.mismatch.unnamed.describe import form_of, form_text
 from hydro_ident.mismatch.unnamed.unknown import unexplained
 from hydro_ident.mismatch.verifying.agreement import untold
@@ -35,7 +35,7 @@ from hydro_ident.mismatch.verifying.verify import Verification, verify
 from hydro_ident.recordings.sources import sources_of
 from hydro_ident.report.diagnosis_report import report_html
 from hydro_ident.report.page import number, written
-from hydro_model.effects.catalogue import CATALOGUE, resolve
+from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.drives import GEAR_BACKLASH
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.hydraulics.cylinder import lever, stroke
@@ -382,32 +382,3 @@ def test_flanks_that_never_bear_are_no_play(clean: Residuals) -> None:
         term = ActiveEffect(GEAR_BACKLASH, None, np.array([0.1, flank]), joint=1)
         one = Contender(term, clean.base, 100.0, 100.0, 4.0)
         assert bears(training, one) is bear
-
-
-def test_in_few_motions_a_shape_at_its_end_tells_of_no_law() -> None:
-    robot = load_robot("xs031")
-    for margin_pa, told in ((1.0e5, True), (7.0e5, False), (1.0e7, True)):
-        values = {"share": 1.0, "margin": margin_pa, "outflow": 1.0}
-        spec = EffectSpec("pressure_compensation", "lift_valve", values)
-        (one,) = resolve(replace(robot, effects=(spec,)))
-        assert bool(shape_at_a_bound(one)) is told
-
-
-@pytest.mark.parametrize(
-    ("laws", "few", "told"), [(5, 8.0, True), (5, 1.0, False), (4, 8.0, False)]
-)
-def test_in_few_motions_many_laws_alike_are_none(
-    clean: Residuals, laws: int, few: float, told: bool
-) -> None:
-    """Each of five has a chance of a fifth; where motions are many, the set stands."""
-    names = (
-        "valve_deadband", "valve_null_bias", "valve_hysteresis", "internal_leakage",
-        "valve_gain_nonlinearity",
-    )  # fmt: skip
-    effects = [CATALOGUE[name] for name in names[:laws]]
-    terms = [ActiveEffect(one, 0, one.typical) for one in effects]
-    alike = [Contender(t, clean.base.weighed, 100.0, 100.0, 4.0) for t in terms]
-    found = named_of(alike, 0.001, 1.0, few)
-    reason = untold_by_few(found, found.term)
-    assert bool(reason) is told
-    assert not told or f"{laws} effects fit alike" in reason
