@@ -281,11 +281,10 @@ class Chain:
         return bool(last) and all(on and max(map(abs, v)) > least_v for on, v in last)
 
     def drive(self) -> None:
-        """Ask for a motion of the tilt joint, and go on until it drives a valve."""
+        """Ask for a motion of the tilt joint, until it drives a valve well: later it may less."""
         self.controller()
         tilt = float(self.device.core.plant.q[1])
         begin = len(self.rows)
-        # Well beyond: what is on its way to the valves may be less again.
         while not self.driven(1.5 * DRIVEN_V):
             if (len(self.rows) - begin) % AGAIN_CYCLES == 0:
                 self.ros.ask(tilt + (0.3 if tilt < -1.275 else -0.3))

@@ -6,6 +6,7 @@ import numpy as np
 
 from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
+from hydro_model.hydraulics.valve import edge_flows
 from hydro_model.robot import FloatArray, Robot
 
 
@@ -44,14 +45,9 @@ def _flow(robot: Robot, trace: Trace, on_tank: bool) -> FloatArray:
     total = np.zeros(trace.samples)
     for valve in robot.valves:
         i = at[valve.cylinder]
-        signal, p_a, p_b = trace.valve_signal[:, i], trace.p_a[:, i], trace.p_b[:, i]
-        if on_tank:
-            up, down = valve.c_bt, valve.c_at
-            up_drop, down_drop = p_b - trace.tank, p_a - trace.tank
-        else:
-            up, down = valve.c_pa, valve.c_pb
-            up_drop, down_drop = trace.supply - p_a, trace.supply - p_b
-        edge, drop = np.where(signal > 0.0, up, down), np.where(signal > 0.0, up_drop, down_drop)
-        own = edge * np.sign(drop) * np.sqrt(np.abs(drop)) * np.abs(signal)
+        u, chambers = trace.valve_signal[:, i], (trace.p_a[:, i], trace.p_b[:, i])
+        into_a, into_b = edge_flows(valve, u, *chambers, trace.supply, trace.tank)
+        # One chamber is on the supply, the other one on the tank.
+        own = np.where(u > 0.0, -into_b, -into_a) if on_tank else np.where(u > 0.0, into_a, into_b)
         total += np.where(np.isfinite(own), own, 0.0)
     return total
