@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -260,11 +261,30 @@ def test_where_a_topic_begins_and_ends(write_bag, run_columns) -> None:
 def test_what_is_played(write_bag, run_columns) -> None:
     path = write_bag(run_columns(5))
     channels = contents_of(path).channels
-    assert len(chosen_channels(channels, None, path)) == 6
-    (one,) = chosen_channels(channels, ["/tip_reference"], path)
-    assert one.message_type == "geometry_msgs/msg/PointStamped"
+    assert len(chosen_channels(channels, None, path)[0]) == 6
+    for asked in (["/tip_reference"], ["tip_reference", "/tip_reference"]):
+        (one,), left_out = chosen_channels(channels, asked, path)
+        assert (one.message_type, left_out) == ("geometry_msgs/msg/PointStamped", [])
     with pytest.raises(BagError, match="expected a topic /tf, found /chamber_pressures"):
         chosen_channels(channels, ["/tf"], path)
+
+
+def test_a_topic_that_cannot_be_played_keeps_no_other_back(write_bag, run_columns) -> None:
+    path = write_bag(run_columns(5))
+    channels = contents_of(path).channels
+    reference, state, *_ = channels
+    foreign = replace(reference, topic="/events/write_split", message_type="bag_msgs/msg/Split")
+    other = replace(state, topic="/web", encoding="json")
+    played, left_out = chosen_channels([*channels, foreign, other], None, path)
+    assert played == list(channels)
+    assert left_out == [
+        "topic /events/write_split: no message type 'bag_msgs/msg/Split' installed; not played",
+        "topic /web: expected encoding cdr, found 'json'; not played",
+    ]
+    with pytest.raises(BagError, match="topic /web: expected encoding cdr, found 'json'"):
+        chosen_channels([*channels, other], ["/web"], path)
+    with pytest.raises(BagError, match="no message type 'bag_msgs/msg/Split' installed"):
+        chosen_channels([foreign, other], None, path)
 
 
 def test_messages_come_in_order_of_reception(write_bag, run_columns) -> None:

@@ -9,7 +9,7 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +83,7 @@ def _run(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(own_arguments(arguments))
     with progress_bar():
         contents = contents_of(options.bag)
-    channels = chosen_channels(contents.channels, options.topics, options.bag)
+    channels, left_out = chosen_channels(contents.channels, options.topics, options.bag)
     chosen = [topic for topic in contents.topics if topic.channel in channels]
     span_s = (max(t.last_ns for t in chosen) - min(t.first_ns for t in chosen)) * 1e-9
 
@@ -94,7 +94,7 @@ def _run(arguments: Sequence[str]) -> int:
         start_ros("player", arguments, SignalHandlerOptions.NO)
         try:
             player = Player(channels, alone=not options.beside)
-            warn("player", (*contents.damage, *contents.unchecked))
+            warn("player", (*contents.damage, *contents.unchecked, *left_out))
             stream = sys.stderr if options.json == STDOUT else sys.stdout
             print(f"playing {len(channels)} topics of {options.bag}", file=stream, flush=True)
             began_s = time.monotonic()
@@ -114,6 +114,7 @@ def _run(arguments: Sequence[str]) -> int:
         "seconds": time.monotonic() - began_s,
         "messages": player.count,
         "topics": player.counts,
+        "left_out": left_out,
         "damage": list(contents.damage),
         "checksummed": not contents.unchecked,
     }
@@ -162,33 +163,53 @@ class Position:
 
 
 def chosen_channels(
-    channels: Sequence[Channel], topics: Collection[str] | None, bag: Path
-) -> list[Channel]:
+    channels: Sequence[Channel], topics: Sequence[str] | None, bag: Path
+) -> tuple[list[Channel], list[str]]:
     """The channels that are played.
 
     Parameters
     ----------
     channels : sequence of Channel
         Of the bag.
-    topics : collection of str, or None
-        None for all.
+    topics : sequence of str, or None
+        None for all that can be played. A slash before a name may be left out.
     bag : Path
         For messages.
 
     Returns
     -------
-    list of Channel
+    channels : list of Channel
+    left_out : list of str
+        Why others are not played, which nobody asked for by name.
 
     Raises
     ------
     BagError
-        A topic that the bag does not hold.
+        A topic asked for that the bag does not hold or that cannot be played, or no other one.
     """
     there = {channel.topic: channel for channel in channels}
-    absent = [topic for topic in topics or () if topic not in there]
+    asked = [topic if topic.startswith("/") else f"/{topic}" for topic in topics or ()]
+    absent = [topic for topic in asked if topic not in there]
     if absent:
         raise BagError(f"{bag}: expected a topic {absent[0]}, found {', '.join(sorted(there))}")
-    return [there[topic] for topic in (topics if topics else there)]
+    wanted = dict.fromkeys(asked or there)
+    unplayable = {t: why for t in wanted if (why := _why_not_played(there[t]))}
+    if unplayable and (asked or len(unplayable) == len(wanted)):
+        topic, why = next(iter(unplayable.items()))
+        raise BagError(f"topic {topic}: {why}")
+    left_out = [f"topic {topic}: {why}; not played" for topic, why in unplayable.items()]
+    return [there[topic] for topic in wanted if topic not in unplayable], left_out
+
+
+def _why_not_played(channel: Channel) -> str:
+    """Empty where nothing speaks against it."""
+    if channel.encoding != "cdr":
+        return f"expected encoding cdr, found '{channel.encoding}'"
+    try:
+        message_class_of(channel.message_type)
+    except LookupError as error:
+        return str(error)
+    return ""
 
 
 class Player:
@@ -197,6 +218,7 @@ class Player:
     Parameters
     ----------
     channels : sequence of Channel
+        As of `chosen_channels`.
     alone : bool
         End where somebody else publishes on one of their topics.
 
@@ -204,11 +226,6 @@ class Player:
     ----------
     counts : dict of str to int
         Messages published per topic.
-
-    Raises
-    ------
-    BagError
-        A message type that is not installed.
     """
 
     def __init__(self, channels: Sequence[Channel], *, alone: bool = True) -> None:
@@ -220,12 +237,8 @@ class Player:
         self._publishers: dict[str, Any] = {}
         self._looked_s, self._look_until_s = 0.0, time.monotonic() + _FOUND_S if alone else 0.0
         for channel in channels:
-            try:
-                message_class = message_class_of(channel.message_type)
-            except LookupError as error:
-                raise BagError(f"topic {channel.topic}: {error}") from error
             self._publishers[channel.topic] = self._node.create_publisher(
-                message_class,
+                message_class_of(channel.message_type),
                 channel.topic,
                 _profile(channel),
                 qos_overriding_options=QoSOverridingOptions.with_default_policies(),

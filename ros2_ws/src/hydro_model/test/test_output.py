@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -48,6 +50,30 @@ def test_a_person_has_the_text_even_where_the_file_cannot_be_written(
     with pytest.raises(OutputError, match="No such file or directory; make its folder"):
         report(tmp_path / "no" / "x.json", DATA, "a long fit")
     assert capsys.readouterr().out == "a long fit\n"
+
+
+@pytest.mark.parametrize("to_stdout", [False, True])
+def test_a_reader_that_went_away_takes_neither_file_nor_exit_code(
+    tmp_path: Path, to_stdout: bool
+) -> None:
+    file = tmp_path / "x.json"
+    code = (
+        "import sys; from pathlib import Path\n"
+        "from hydro_model.command_line.command import run_command\n"
+        "from hydro_model.command_line.output import report\n"
+        "def main(words):\n"
+        "    report(Path(words[0]), {'x': [1] * 100000}, 'a line\\n' * 100000)\n"
+        "    print('written')\n"
+        "    return 1\n"
+        "sys.exit(run_command('some', main))\n"
+    )
+    read, write = os.pipe()
+    os.close(read)
+    words = [sys.executable, "-c", code, "-" if to_stdout else str(file)]
+    done = subprocess.run(words, stdout=write, stderr=subprocess.PIPE, check=False)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (1, b"")
+    assert file.is_file() is not to_stdout
 
 
 @pytest.mark.parametrize(

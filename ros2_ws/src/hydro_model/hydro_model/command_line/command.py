@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NoReturn
 
+from hydro_model.command_line.output import let_go_of_stdout
 from hydro_model.command_line.terminal import coloured
 from hydro_model.errors import HydroError, printable
 
@@ -126,8 +127,7 @@ def run_command(name: str, main: Main, arguments: Sequence[str] | None = None) -
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
-        # The reader of our output went away (`... | head`): not our failure.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        let_go_of_stdout()
         return 0
 
 

@@ -64,6 +64,9 @@ def unwritable(path: Path, error: OSError) -> str:
 def report(json_file: Path | None, data: Mapping[str, Any], text: str) -> None:
     """Print a result for a person, and for a program where that is asked for.
 
+    A reader of our output that goes away (`... | head`) takes nothing from the file, and the
+    command's exit code stands.
+
     Parameters
     ----------
     json_file : Path or None
@@ -77,10 +80,20 @@ def report(json_file: Path | None, data: Mapping[str, Any], text: str) -> None:
     OutputError
         The file cannot be written; the person has the text.
     """
-    if text and json_file != STDOUT:
-        print(text, flush=True)
-    if json_file is not None:
-        write_json(json_file, data)
+    try:
+        try:
+            if json_file is not None:
+                write_json(json_file, data)
+        finally:
+            if text and json_file != STDOUT:
+                print(text, flush=True)
+    except BrokenPipeError:
+        let_go_of_stdout()
+
+
+def let_go_of_stdout() -> None:
+    """Write nowhere from now on: the reader of our output went away, which is no failure."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def report_files(json_file: Path | None, schema: str, files: Sequence[Path]) -> None:
