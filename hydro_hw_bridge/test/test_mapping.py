@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -203,6 +204,33 @@ def test_bad_dbc_is_one_clear_line(
         Codec.load(path, codec.mapping.source, robot)
     assert message in str(raised.value)
     assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("signal", "found"),
+    [
+        ("EmergencyStopOk : {at}|1@1+ (-1,1)", "1 unsigned bits of factor -1 and offset 1"),
+        ("EmergencyStopOk : {at}|1@1- (1,0)", "1 signed bits of factor 1 and offset 0"),
+        ("Enable : {at}|2@1+ (1,0)", "2 unsigned bits of factor 1 and offset 0"),
+        ("Enable : {at}|1@1+ (-1,1)", "1 unsigned bits of factor -1 and offset 1"),
+        ("SampleCounter : {at}|32@1+ (2,0)", "32 unsigned bits of factor 2 and offset 0"),
+        ("Instance : {at}|16@1+ (1,0)", "should have 32 bits, found 16"),
+        ("Instance : {at}|32@1+ (1,-1)", "32 unsigned bits of factor 1 and offset -1"),
+    ],
+)
+def test_states_and_counts_that_a_dbc_would_turn_round_are_refused(
+    codec: Codec, robot: Robot, tmp_path: Path, signal: str, found: str
+) -> None:
+    name = signal.split(" ")[0]
+    text = codec.mapping.dbc.read_text(encoding="utf-8")
+    line = re.search(rf"{name} : (\d+)\|\d+@\d[+-] \([^)]*\)", text)
+    assert line
+    path = tmp_path / "other.dbc"
+    path.write_text(text.replace(line[0], signal.format(at=line[1])), encoding="utf-8")
+    with pytest.raises(BridgeError) as raised:
+        Codec.load(path, codec.mapping.source, robot)
+    assert f".{name}'" in str(raised.value)
+    assert found in str(raised.value)
 
 
 @pytest.mark.parametrize("text", ["", "[1, 2]", "a: [", "\x00"])

@@ -179,6 +179,7 @@ def load_layout(dbc: Path, mapping: BusMapping, robot: Robot) -> Layout:
         signals.update({f"{rule.name}.{s.name}": raw_signal(message, s) for s in used})
     layout = Layout(dbc, mapping.bitrate, robot.sensors.rate_hz, tuple(frames), signals)
     _check_signals(layout, mapping)
+    _check_plain(layout, mapping)
     _check_protection(layout)
     _check_voltages(layout, mapping, robot)
     if layout.bus_load > MAX_BUS_LOAD:
@@ -251,17 +252,40 @@ def _check_signals(layout: Layout, mapping: BusMapping) -> None:
                     f"{mapping.source}: signal '{name}' should be in a frame of role {roles},"
                     f" found in one of role {role}"
                 )
-    if layout.raw(mapping.counter).length != 32:
-        raise BridgeError(
-            f"{mapping.source}: sample counter '{mapping.counter}' should have 32 bits,"
-            f" found {layout.raw(mapping.counter).length}"
-        )
+    # An instance of fewer bits would not be the one that its bridge drew.
+    for what, name in (("sample counter", mapping.counter), ("instance", mapping.instance)):
+        if layout.raw(name).length != 32:
+            raise BridgeError(
+                f"{mapping.source}: {what} '{name}' should have 32 bits,"
+                f" found {layout.raw(name).length}"
+            )
     command = layout.of_role("command")[0]
     if mapping.answered is None and command.identifiers is None:
         raise BridgeError(
             f"{mapping.source}: {command.name} needs an 'answered' signal or protection,"
             " to tell which sample it answers"
         )
+
+
+def _check_plain(layout: Layout, mapping: BusMapping) -> None:
+    """States and counts are taken as their bits stand: what a DBC makes of them would be lost.
+
+    Of a state that is active low, or that has values for error and not available, the bits alone
+    say the reverse, or yes.
+    """
+    states = (mapping.enable, *mapping.status.values())
+    counts = [mapping.counter, mapping.instance, *mapping.echo.values()]
+    counts += [] if mapping.answered is None else [mapping.answered]
+    for name in (*states, *counts):
+        raw = layout.raw(name)
+        length = 1 if name in states else raw.length
+        if (raw.length, raw.signed, raw.scale, raw.offset) != (length, False, 1.0, 0.0):
+            kind = "one unsigned bit (1 is yes)" if name in states else "an unsigned count"
+            signed = "signed" if raw.signed else "unsigned"
+            raise BridgeError(
+                f"{layout.source}: expected '{name}' to be {kind} of factor 1 and offset 0, found"
+                f" {raw.length} {signed} bits of factor {raw.scale:g} and offset {raw.offset:g}"
+            )
 
 
 def _check_protection(layout: Layout) -> None:

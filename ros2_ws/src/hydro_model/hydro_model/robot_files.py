@@ -305,9 +305,14 @@ def _valve(f: Fields) -> Valve:
 
 def _sensors(f: Fields) -> Sensors:
     encoder, pressure = f.fields("encoder", {}), f.fields("pressure", {})
+    counts = encoder.positive("counts_per_rev", 1 << 20)
+    if counts < 1.0:
+        raise RobotError(
+            f"{encoder.where}: expected counts_per_rev of 1 or more, found {counts:g}"
+        )
     sensors = Sensors(
         rate_hz=f.positive("rate_hz", 500.0),
-        encoder_counts_per_rev=int(encoder.positive("counts_per_rev", 1 << 20)),
+        encoder_counts_per_rev=int(counts),
         pressure_range_pa=pressure.positive("range_pa", 25.0e6),
         pressure_resolution_pa=pressure.positive("resolution_pa", 1000.0),
     )

@@ -229,6 +229,14 @@ def drop(*way: str | int) -> Change:
             "'command_delay_s' should be a number of 0 or more, found -0.004",
         ),
         (
+            set_in("command_delay_s", value=12),
+            "expected a command_delay_s of at most 1 s, found 12 s (in ms?)",
+        ),
+        (
+            set_in("sensors", "encoder", "counts_per_rev", value=0.5),
+            "encoder: expected counts_per_rev of 1 or more, found 0.5",
+        ),
+        (
             set_in("supply", "tank_pressure_pa", value=2.0e7),
             "expected a supply pressure_pa of at least the tank's 2e+07 Pa, found 1.9e+07 Pa",
         ),

@@ -19,11 +19,13 @@ LIMITS_SLACK = 0.03
 _POSES = 2001
 #: Of the largest lever arm: what is closer to a dead centre a piston is not taken to.
 _LEAST_ARM = 0.05
+#: No amplifier is so late; controllers look ahead by it.
+_LONGEST_DELAY_S = 1.0
 _LOG = logging.getLogger(__name__)
 
 
 def check_robot(robot: Robot, path: Path, *, narrow: bool = False) -> None:
-    """Names given twice or not there, cylinders that their joints do not fit, no pressure.
+    """What is given twice or not there, does not fit its joint, or cannot be.
 
     Parameters
     ----------
@@ -56,6 +58,11 @@ def check_robot(robot: Robot, path: Path, *, narrow: bool = False) -> None:
         raise RobotError(
             f"{path}: expected a supply pressure_pa of at least the tank's"
             f" {robot.tank_pressure_pa:g} Pa, found {robot.supply_pressure_pa:g} Pa"
+        )
+    if robot.command_delay_s > _LONGEST_DELAY_S:
+        raise RobotError(
+            f"{path}: expected a command_delay_s of at most {_LONGEST_DELAY_S:g} s, found"
+            f" {robot.command_delay_s:g} s (in ms?)"
         )
 
 
