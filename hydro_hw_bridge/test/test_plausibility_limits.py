@@ -120,6 +120,36 @@ def test_motion_begins_the_half_second_anew(watch: ReadingsWatch, readings: Make
     assert _when_stuck(watch, readings, 400, moves=100) == [350]
 
 
+def _in_turns(
+    watch: ReadingsWatch, readings: Make, open_: int, shut: int, turns: int
+) -> list[int]:
+    """Counters at which the lift's encoder was found stuck, its valve open and shut in turns."""
+    found = []
+    for k in range((open_ + shut) * turns):
+        turn, at = divmod(k, open_ + shut)
+        volts = (9.0 if turn % 2 else -9.0, 0.0) if at < open_ else SHUT
+        now = readings(k, pressures_pa=_noisy(k))
+        if "encoder stuck" in watch.look(now, k, volts).passing:
+            found.append(k)
+    return found
+
+
+def test_a_valve_that_opens_now_and_then_makes_no_encoder_stuck(
+    watch: ReadingsWatch, readings: Make
+) -> None:
+    # A hold around an overlap: 10 ms of a second. And as long shut as open.
+    assert _in_turns(watch, readings, 5, 495, 120) == []
+    assert _in_turns(watch, readings, 100, 100, 50) == []
+
+
+def test_of_a_valve_that_swings_a_stuck_encoder_is_found_all_the_same(
+    watch: ReadingsWatch, readings: Make
+) -> None:
+    # 45 more open than shut in each turn of 55: after 250 of them, less one before the first look.
+    found = _in_turns(watch, readings, 50, 5, 10)
+    assert found == [5 * 55 + 25]
+
+
 @pytest.mark.parametrize("changes", [-1, 100])
 def test_a_pressure_is_still_after_two_seconds_and_again(
     watch: ReadingsWatch, readings: Make, changes: int

@@ -145,7 +145,10 @@ class ReadingsWatch:
                 continue
             if now.positions[i] != last.positions[i]:
                 self._unmoved[i] = 0
-            elif not self._is_shut(applied[valve], valve):
+            elif self._is_shut(applied[valve], valve):
+                # Not from 0: of a valve that swings to and fro, its sign changes through here.
+                self._unmoved[i] = max(0, self._unmoved[i] - cycles)
+            else:
                 self._unmoved[i] += cycles
             if self._unmoved[i] * self._period_s >= STUCK_S:
                 self._unmoved[i] = 0
