@@ -142,6 +142,17 @@ def test_a_valve_that_opens_now_and_then_makes_no_encoder_stuck(
     assert _in_turns(watch, readings, 100, 100, 50) == []
 
 
+def test_shut_before_it_opens_is_no_time_gained_or_lost(
+    watch: ReadingsWatch, readings: Make
+) -> None:
+    found = []
+    for k in range(300):
+        volts = SHUT if k < 10 else (9.0, 0.0)
+        if "encoder stuck" in watch.look(readings(k, pressures_pa=_noisy(k)), k, volts).passing:
+            found.append(k)
+    assert found == [10 + 249]
+
+
 def test_of_a_valve_that_swings_a_stuck_encoder_is_found_all_the_same(
     watch: ReadingsWatch, readings: Make
 ) -> None:

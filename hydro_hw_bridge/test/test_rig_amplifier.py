@@ -7,10 +7,11 @@ from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.amplifier import Amplifier
 
 CYCLE_S = 0.002
+RATED_V = np.array([10.0, 10.0])
 
 
 def _driving(delay: int = 0) -> Amplifier:
-    amplifier = Amplifier(2, CYCLE_S, delay)
+    amplifier = Amplifier(RATED_V, CYCLE_S, delay)
     for _ in range(delay + 1):
         amplifier.step([1.0, -2.0], True, True)
     assert amplifier.enabled
@@ -30,7 +31,7 @@ def test_watchdog_trips_at_50_ms_and_not_before(missing: int, off: bool) -> None
 
 @pytest.mark.parametrize("cycle_s", [0.05, 0.2])
 def test_where_a_cycle_is_as_long_as_the_watchdog_one_missing_frame_trips(cycle_s: float) -> None:
-    amplifier = Amplifier(1, cycle_s, 0)
+    amplifier = Amplifier(RATED_V[:1], cycle_s, 0)
     amplifier.step([1.0], True, True)
     assert amplifier.step(None, False, True)[0] == 0.0
     assert amplifier.tripped
@@ -59,7 +60,7 @@ def test_trip_holds_until_enable_goes_off_and_on() -> None:
 
 
 def test_watchdog_sleeps_while_disabled() -> None:
-    amplifier = Amplifier(1, CYCLE_S, 0)
+    amplifier = Amplifier(RATED_V[:1], CYCLE_S, 0)
     for _ in range(100):
         amplifier.step(None, False, True)
     assert not amplifier.tripped
@@ -78,9 +79,15 @@ def test_output_saturates() -> None:
     np.testing.assert_array_equal(amplifier.step([14.0, -11.0], True, True), [10.0, -10.0])
 
 
+def test_a_valve_that_is_rated_for_more_gets_it() -> None:
+    amplifier = Amplifier(np.array([24.0, 5.0]), CYCLE_S, 0)
+    np.testing.assert_array_equal(amplifier.step([24.0, 10.0], True, True), [24.0, 10.0])
+    np.testing.assert_array_equal(amplifier.step([25.0, -11.0], True, True), [24.0, -10.0])
+
+
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_command_comes_out_after_its_delay(delay: int) -> None:
-    amplifier = Amplifier(1, CYCLE_S, delay)
+    amplifier = Amplifier(RATED_V[:1], CYCLE_S, delay)
     outputs = [float(amplifier.step([float(k)], True, True)[0]) for k in range(1, 8)]
     assert outputs == [0.0] * delay + [float(k) for k in range(1, 8 - delay)]
 

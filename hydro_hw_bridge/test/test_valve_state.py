@@ -10,6 +10,7 @@ import pytest
 
 from hydro_hw_bridge.rig.amplifier import Amplifier
 
+RATED_V = np.array([10.0, 10.0])
 PERIOD_S = 0.002
 
 
@@ -18,7 +19,7 @@ class Driven:
 
     def __init__(self, bench: Any) -> None:
         self.bench = bench
-        self.amplifier = Amplifier(2, PERIOD_S, 0)
+        self.amplifier = Amplifier(RATED_V, PERIOD_S, 0)
         self.outputs: dict[int, tuple[float, ...]] = {}
         self.told: dict[int, tuple[float, ...]] = {}
         bench.core.activate(ready=True)

@@ -12,6 +12,7 @@ from hydro_model.robot import FloatArray
 
 #: Device time without a valid frame after which the amplifiers switch off.
 WATCHDOG_S = 0.050
+#: What amplifiers of proportional valves give at least; of a valve that is rated for more, that.
 SUPPLY_LIMIT_V = 10.0
 
 
@@ -20,7 +21,8 @@ class Amplifier:
 
     Parameters
     ----------
-    valves : int
+    rated_v : (valves,) array
+        Rated voltages of the valves, in the order of their commands.
     cycle_s : float
         Device time between two calls of `step`.
     delay_cycles : int
@@ -37,14 +39,15 @@ class Amplifier:
         How often it did.
     """
 
-    def __init__(self, valves: int, cycle_s: float, delay_cycles: int) -> None:
+    def __init__(self, rated_v: FloatArray, cycle_s: float, delay_cycles: int) -> None:
         self._patience = max(1, round(WATCHDOG_S / cycle_s))
         self._delay = delay_cycles
-        self._zero = np.zeros(valves)
+        self._limit_v = np.maximum(SUPPLY_LIMIT_V, rated_v)
+        self._zero = np.zeros_like(self._limit_v)
         self._queue: deque[FloatArray] = deque()
         self._held = self._zero
         self._missing = 0
-        self.output_v: FloatArray = np.zeros(valves)
+        self.output_v: FloatArray = self._zero
         self.enabled = False
         self.tripped = False
         self.trips = 0
@@ -104,7 +107,7 @@ class Amplifier:
             self.tripped = False
         elif not self.tripped:
             self.enabled = permitted
-            self._held = np.clip(asked, -SUPPLY_LIMIT_V, SUPPLY_LIMIT_V)
+            self._held = np.clip(asked, -self._limit_v, self._limit_v)
 
     def _off(self) -> None:
         self.enabled = False

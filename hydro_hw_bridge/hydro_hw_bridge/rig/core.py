@@ -114,7 +114,8 @@ class RigCore:
         self.truth = truth
         self.cycle_s = 1.0 / robot.sensors.rate_hz
         self.plant = Plant(robot, truth, _initial_pose(robot, q, tip_m))
-        self.amplifier = Amplifier(len(robot.valves), self.cycle_s, truth.command_delay_cycles)
+        self._rated_v = np.array([v.rated_voltage_v for v in robot.valves])
+        self.amplifier = Amplifier(self._rated_v, self.cycle_s, truth.command_delay_cycles)
         self.inputs = inputs if inputs is not None else Inputs()
         self.parked = True
         self.counter = first_counter % COUNTER_SPAN
@@ -124,7 +125,6 @@ class RigCore:
         self._instruments = Instruments(self.plant, seed)
         names = [c.name for c in robot.cylinders]
         self._valve_cylinder = np.array([names.index(v.cylinder) for v in robot.valves], dtype=int)
-        self._rated_v = np.array([v.rated_voltage_v for v in robot.valves])
         self._measurement = self._measure()
 
     def readings(self) -> Readings:
