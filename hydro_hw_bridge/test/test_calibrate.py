@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -242,3 +243,20 @@ def test_bad_input_is_one_line_and_exit_2(
         assert told.startswith("calibrate: ")
         assert text in told
         assert told.count("\n") == 1
+
+
+def test_where_files_cannot_be_linked_what_was_measured_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def link(*_: object) -> None:
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(os, "link", link)
+    path, part = tmp_path / "a.calibration.yaml", tmp_path / "a.part"
+    part.write_text("measured", encoding="utf-8")
+    command._name(part, path)
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [(path.name, "measured")]
+    part.write_text("another", encoding="utf-8")
+    with pytest.raises(FileExistsError):
+        command._name(part, path)
+    assert path.read_text() == "measured"

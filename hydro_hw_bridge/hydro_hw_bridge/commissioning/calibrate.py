@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import sys
 import time
@@ -244,12 +245,24 @@ def _write(folder: Path, codec: Codec, content: Mapping[str, Any], notes: dict[s
     part = path.with_name(path.name + ".part")
     try:
         part.write_text(text, encoding="utf-8")
-        os.link(part, path)
+        _name(part, path)
     except OSError as error:
         raise BridgeError(f"cannot write '{path}': {error.strerror}") from error
     finally:
         part.unlink(missing_ok=True)
     return path
+
+
+def _name(part: Path, path: Path) -> None:
+    """Give a written file its name, which no other one has."""
+    try:
+        os.link(part, path)
+    except OSError as error:
+        if error.errno not in (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS):
+            raise
+        # A file system without links, such as FAT: what was measured is not to be lost for it.
+        with open(path, "x"):
+            os.replace(part, path)
 
 
 def _say(text: str) -> None:
