@@ -245,6 +245,57 @@ def test_a_run_that_was_cut_short_is_void(tmp_path, bag, capsys) -> None:
     assert compare([*twice, "--robot", "xs031"]) == 0
 
 
+@pytest.mark.parametrize(
+    ("late_ns", "kept"), [(1_000_000, slice(None)), (0, slice(300)), (0, slice(700, None))]
+)
+def test_pressures_have_no_part_in_the_figures(
+    tmp_path, bag, capsys, late_ns: int, kept: slice
+) -> None:
+    """On stamps of their own, ended early or begun late."""
+    joints = read_bag(bag).series["/joint_states"]
+    reference = read_bag(bag).series["/tip_reference"]
+    other = tmp_path / "with_pressures"
+    with BagWriter(other, {"robot": "xs031"}) as writer:
+        for topic, kind in (
+            ("/joint_states", JOINT_STATE),
+            ("/chamber_pressures", JOINT_STATE),
+            ("/tip_reference", POINT_STAMPED),
+        ):
+            writer.add_topic(topic, kind)
+        for k, stamp in enumerate(joints.stamp_ns.tolist()):
+            position = {"position": joints.fields["position"][k]}
+            writer.write_stamped("/joint_states", stamp, position, names=joints.names)
+            writer.write_stamped("/tip_reference", stamp, {"point": reference.fields["point"][k]})
+        for stamp in joints.stamp_ns[kept].tolist():
+            at = stamp + late_ns
+            writer.write_stamped("/chamber_pressures", at, {"effort": [1e5]}, names=["tank"])
+    figures = []
+    for k, path in enumerate((bag, other)):
+        out = tmp_path / f"{k}.json"
+        assert main([str(path), "--json", str(out)]) == 0
+        figures.append(json.loads(out.read_text())["encoders"])
+    assert figures[0] == figures[1]
+    assert figures[0]["gaps"] == figures[0]["missing"] == figures[0]["without"] == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_what_is_not_compared_is_said(tmp_path, write_bag, run_columns, capsys) -> None:
+    """Cycles that are missing, and cycles without a reference."""
+    columns = run_columns(1000)
+    columns["/tip_reference"][1]["point"][300:340] = np.nan
+    stamps = START_NS + PERIOD_NS * np.arange(1000)
+    stamps[600:] += 70 * PERIOD_NS
+    out = tmp_path / "t.json"
+    path = write_bag(columns, stamps=stamps)
+    assert main([str(path), "--robot", "xs031", "--json", str(out)]) == 0
+    data = json.loads(out.read_text())
+    assert (data["gaps"], data["missing"]) == (1, 70)
+    assert data["without"] == 1000 - data["cycles"] == 40
+    gap, without = capsys.readouterr().err.splitlines()
+    assert "warning: 1 gap while the reference moves, 70 cycles missing" in gap
+    assert "warning: 40 of 1000 cycles while the reference moves have no tip" in without
+
+
 class _Screen(io.StringIO):
     def isatty(self) -> bool:
         return True

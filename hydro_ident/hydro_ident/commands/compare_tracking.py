@@ -46,7 +46,7 @@ def run(arguments: Sequence[str]) -> int:
     options = parser().parse_args(arguments)
     from hydro_ident.bag.reader import read_bag
     from hydro_ident.bag.recording import RECORDING_TOPICS
-    from hydro_ident.commands.tracking import other_machine, tracking_of
+    from hydro_ident.commands.tracking import tracking_of, warnings_of
     from hydro_ident.errors import IdentError
     from hydro_model.robot_files import load_robot
 
@@ -58,8 +58,7 @@ def run(arguments: Sequence[str]) -> int:
             bag = read_bag(path, RECORDING_TOPICS)
             advance(f"run {number + 1} of {len(options.runs)}: {name}", number, len(options.runs))
             rows[name] = tracking_of(bag, robot, truth)
-            said = (*bag.losses, *bag.unchecked, *other_machine(bag, robot))
-            warnings += [f"{name}: {text}" for text in said]
+            warnings += [f"{name}: {text}" for text in warnings_of(bag, robot, rows[name])]
     if options.against is not None and options.against not in rows:
         raise IdentError(
             f"--against: expected one of {', '.join(rows)}, found '{options.against}'"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,7 +56,7 @@ def _run(arguments: Sequence[str]) -> int:
     report(options.json, _as_dict(bag, rows), _text(rows))
     guessed = options.robot is None and not bag.metadata.get("robot")
     by_joints = [f"the bag names no robot: read as {robot.name}, whose joints it has"] * guessed
-    warn("tracking", (*by_joints, *bag.losses, *bag.unchecked, *other_machine(bag, robot)))
+    warn("tracking", (*by_joints, *warnings_of(bag, robot, rows)))
     return 0
 
 
@@ -79,6 +79,25 @@ def _robot_of(bag: Bag) -> Robot:
     return robot
 
 
+def warnings_of(bag: Bag, robot: Robot, rows: Mapping[str, Tracking]) -> list[str]:
+    """What is to be said beside the figures of a bag.
+
+    Parameters
+    ----------
+    bag : Bag
+    robot : Robot
+    rows : mapping of str to Tracking
+        Of `tracking_of`.
+
+    Returns
+    -------
+    list of str
+    """
+    # Gaps are the same in all rows, what is not compared may be more of the truth.
+    holes = dict.fromkeys(text for row in rows.values() for text in row.holes)
+    return [*bag.losses, *bag.unchecked, *other_machine(bag, robot), *holes]
+
+
 def other_machine(bag: Bag, robot: Robot) -> list[str]:
     """A sentence where the tip is computed by another robot than the bag names.
 
@@ -96,7 +115,7 @@ def other_machine(bag: Bag, robot: Robot) -> list[str]:
 
 
 def tracking_of(bag: Bag, robot: Robot, truth: Path | None = None) -> dict[str, Tracking]:
-    """Tracking figures of a bag.
+    """Tracking figures of a bag, of every cycle of the joints: no pressure has a part in them.
 
     Parameters
     ----------
@@ -125,7 +144,7 @@ def tracking_of(bag: Bag, robot: Robot, truth: Path | None = None) -> dict[str, 
     from hydro_ident.recordings.truth_file import true_tip_m
     from hydro_model.multibody.kinematics import tip_position
 
-    recording = recording_of(bag, robot)
+    recording = recording_of(_without_pressures(bag), robot)
     reference = _reference(recording)
     absent = [j for i, j in enumerate(robot.joint_names) if np.isnan(recording.q[:, i]).all()]
     if absent:
@@ -138,6 +157,15 @@ def tracking_of(bag: Bag, robot: Robot, truth: Path | None = None) -> dict[str, 
         tip_m = true_tip_m(truth, bag, recording, tip_m)
         rows["truth"] = tracking(stamps, tip_m, reference, half_width=TRUTH_HALF_WIDTH)
     return rows
+
+
+def _without_pressures(bag: Bag) -> Bag:
+    """A bag as if nobody had recorded pressures: cycles then are those of the joints alone."""
+    from hydro_msgs_docs.topics import CHAMBER_PRESSURES
+
+    topics = {name: info for name, info in bag.topics.items() if name != CHAMBER_PRESSURES}
+    series = {name: one for name, one in bag.series.items() if name != CHAMBER_PRESSURES}
+    return replace(bag, topics=topics, series=series)
 
 
 def _reference(recording: Recording) -> FloatArray:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hydro_ident.bag.gaps import find_gaps, usual_period_s
 from hydro_ident.errors import NotEnoughDataError
 from hydro_model.arrays import FloatArray, IntArray
 
@@ -37,6 +38,10 @@ class Tracking:
         Of the span in which the reference moves.
     cycles : int
         Compared cycles.
+    gaps, missing : int
+        Gaps in that span, and cycles missing in them.
+    without : int
+        Cycles of that span without a tip or a reference: there, but not compared.
     """
 
     rmse_mm: float
@@ -46,6 +51,27 @@ class Tracking:
     reference_speed_m_s: float
     duration_s: float
     cycles: int
+    gaps: int
+    missing: int
+    without: int
+
+    @property
+    def holes(self) -> list[str]:
+        """What of the span was not compared, in words."""
+        told = []
+        if self.gaps:
+            plural = "s" if self.gaps > 1 else ""
+            told.append(
+                f"{self.gaps} gap{plural} while the reference moves, {self.missing} cycles"
+                " missing: nobody knows the errors in them"
+            )
+        if self.without:
+            of = self.without + self.cycles
+            told.append(
+                f"{self.without} of {of} cycles while the reference moves have no tip or no"
+                " reference: they are not compared"
+            )
+        return told
 
 
 def moving_span(reference_m: FloatArray) -> slice:
@@ -128,6 +154,7 @@ def tracking(
         raise NotEnoughDataError("the tip does not move while its reference does")
     reference_speed = speed_m_s(stamp_ns, reference_m, TRUTH_HALF_WIDTH)
     error_m = error_m[compared]
+    gaps = find_gaps(stamp_ns, usual_period_s(stamp_ns))
     return Tracking(
         rmse_mm=float(np.sqrt(np.mean(error_m**2)) * 1e3),
         max_error_mm=float(error_m.max() * 1e3),
@@ -136,4 +163,7 @@ def tracking(
         reference_speed_m_s=float(np.nanmax(reference_speed)),
         duration_s=float(stamp_ns[-1] - stamp_ns[0]) * 1e-9,
         cycles=int(compared.sum()),
+        gaps=len(gaps),
+        missing=sum(gap.missing for gap in gaps),
+        without=int((~compared).sum()),
     )
