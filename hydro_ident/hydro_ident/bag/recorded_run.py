@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from hydro_ident.bag.channels import Loss
+from hydro_ident.bag.ends import Ends
 from hydro_ident.bag.gaps import Gap, contiguous
 from hydro_ident.bag.turns import Turns
 from hydro_ident.bag.valve_columns import ValveRates
@@ -94,6 +95,8 @@ class Recording:
         Valves that `/valve_state` does not tell although it tells others.
     valve_rates : ValveRates
         Which topics of valves are sparse: `valve_v` is held between their messages.
+    ends : Ends
+        What of joints and pressures lies outside the cycles.
     read_s : float
         From reading to reading of a message that came slower than the cycles; 0: none did.
     """
@@ -130,6 +133,7 @@ class Recording:
     turns: Turns = field(default_factory=dict)
     commanded: tuple[str, ...] = ()
     valve_rates: ValveRates = field(default_factory=ValveRates)
+    ends: Ends = field(default_factory=Ends)
     read_s: float = 0.0
 
     @property

@@ -26,6 +26,7 @@ from hydro_ident.bag.aligned import (
 )
 from hydro_ident.bag.channels import Present, find_losses
 from hydro_ident.bag.dead_sensors import without_dead
+from hydro_ident.bag.ends import Ends
 from hydro_ident.bag.gaps import find_gaps, usual_period_s
 from hydro_ident.bag.grid import Repeats, Topic
 from hydro_ident.bag.latches import latched_cycles
@@ -88,6 +89,7 @@ class Earlier:
     repeats : mapping of str to Repeats
         By topic, of messages that were put in order already.
     rates : ValveRates
+    ends : Ends
     complete_ns : int or None
         Stamp up to which every message of the piece to come is there; None for all of it.
     """
@@ -98,6 +100,7 @@ class Earlier:
     valves: frozenset[str] = frozenset()
     repeats: Mapping[str, Repeats] = field(default_factory=dict)
     rates: ValveRates = field(default_factory=ValveRates)
+    ends: Ends = field(default_factory=Ends)
     complete_ns: int | None = None
 
     def after(self, recording: Recording) -> Earlier:
@@ -114,6 +117,7 @@ class Earlier:
             turns=recording.turns,
             valves=valves,
             rates=recording.valve_rates,
+            ends=recording.ends,
         )
 
 
@@ -131,6 +135,8 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
     if not len(grid):
         raise nothing_in_common(bag.path)
     period_s = _period_s(grid, robot)
+    ends = earlier.ends.then(grid, topics)
+    apart = ends.told(period_s, complete=earlier.complete_ns is None)
     temperature = topics.get(OIL_TEMPERATURE)
     columns = columns_of(grid, topics, robot)
     columns["q"], turns = without_turns(robot, grid, columns["q"], earlier.turns)
@@ -153,12 +159,14 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
             *bag.unchecked,
             *irregular(repeats),
             *_unused(topics, grid, period_s),
+            *(f"{name}: {text}" for name, text in apart),
             *filled_notes(robot, filled),
             *turn_notes(turns),
             *noted,
         ),
         metadata=bag.metadata,
         turns=turns,
+        ends=ends,
     )
     silent = [rail for rail in earlier.rails if getattr(recording, rail) is None]
     lost: dict[str, Any] = {rail: np.full(len(grid), np.nan) for rail in silent}

@@ -31,6 +31,7 @@ from hydro_ident.bag.reader import (
 from hydro_ident.bag.recording import RECORDING_TOPICS, Earlier, Recording, recording_of
 from hydro_ident.bag.series import Series
 from hydro_ident.bag.window import Window, joined
+from hydro_ident.errors import NoCyclesError
 from hydro_model.arrays import BoolArray, IntArray
 from hydro_model.robot import Robot
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, DIAGNOSTICS, JOINT_STATES
@@ -126,6 +127,8 @@ class _Reader:
     #: What is still to come, known from the first possible cut on, and blocks of it so far.
     arrivals: Arrivals | None = None
     joined_blocks: int = 0
+    #: Nothing is cut before so many: the messages before had no cycle yet.
+    cut_from: int = 0
 
     def __post_init__(self) -> None:
         self.decoder = Decoder(self.path, self.notes, diagnostics=False)
@@ -156,7 +159,7 @@ class _Reader:
             return False
         begin = self.core_ns if self.begun else first
         least = begin + self.piece_ns + self.overlap_ns
-        if last <= least:
+        if last <= least or self.joined_blocks < self.cut_from:
             return False
         if self.arrivals is None:
             # What is shorter than a piece is never looked through.
@@ -174,7 +177,14 @@ class _Reader:
         complete_ns = None
         if not last and self.arrivals is not None:
             complete_ns = self.arrivals.oldest_ns(self.joined_blocks) - 1
-        recording = self._recording(bag, complete_ns)
+        try:
+            recording = self._recording(bag, complete_ns)
+        except NoCyclesError:
+            if last:
+                raise
+            # Pressures may begin later than a piece is long; each look joins all there is.
+            self.cut_from = 2 * self.joined_blocks
+            return
         while True:
             stamps = recording.stamp_ns
             if not self.begun:

@@ -17,6 +17,7 @@ from hydro_ident.bag.aligned import (
     own_joints,
     own_names,
 )
+from hydro_ident.bag.ends import Ends
 from hydro_ident.bag.grid import Topic
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.series import Series
@@ -96,7 +97,7 @@ class CycleMaker:
         The topic that voltages are from so far, or empty.
     bare : bool
         Some cycles were made without `/chamber_pressures`.
-    commanded : tuple of str
+    commanded, ends
         As of `Recording`.
     """
 
@@ -107,6 +108,7 @@ class CycleMaker:
     valve_source: str = ""
     bare: bool = False
     commanded: tuple[str, ...] = ()
+    ends: Ends = field(default_factory=Ends)
     _valves: frozenset[str] = frozenset()
     _read: set[str] = field(default_factory=set)
     #: Some message told of the robot; messages that did not were taken for its cycles.
@@ -137,6 +139,7 @@ class CycleMaker:
         grid = np.zeros(0, dtype=np.int64)
         if JOINT_STATES in topics and (CHAMBER_PRESSURES in topics or not pressures):
             grid = grid_of(topics)
+        self.ends = self.ends.then(grid, topics)
         self.bare |= bool(len(grid)) and not pressures
         columns = columns_of(grid, topics, self.robot)
         self._choose_valves(columns)

@@ -39,8 +39,9 @@ class Finding:
         What it is about, e.g. `lift_cylinder/a`.
     kind : str
         `unit`, `stuck`, `saturated`, `limit`, `range`, `not_finite`, `latched`, `interpolated`,
-        `held`, `jitter`, `gap`, `unused` (messages), or `other`: the bag names another robot, or
-        was recorded with another calibration or mapping than the first of several.
+        `held`, `jitter`, `gap`, `unused` (messages), `apart` (joints and pressures begin or end),
+        or `other`: the bag names another robot, or was recorded with another calibration or
+        mapping than the first of several.
     text : str
         In words, with numbers.
     harmless : bool

@@ -268,7 +268,14 @@ def _findings(
         *([Finding("robot", "other", other)] if name else []),
         *found,
         *_unused(passage, first, look),
+        *_apart(passage, first, look),
     ]
+
+
+def _apart(passage: Passage, first: FirstPass, look: SignalLook) -> list[Finding]:
+    """Joints and pressures that do not begin or end together."""
+    told = [] if passage.maker is None else passage.maker.ends.told(first.period_s(look.robot))
+    return [Finding(topic, "apart", text) for topic, text in told]
 
 
 def _unused(passage: Passage, first: FirstPass, look: SignalLook) -> list[Finding]:
