@@ -105,7 +105,10 @@ class Estimation:
         first = first_choice(choice, self.plan.robot, surveys, signals)
         instruments = first.name == "iv" or (choice == "auto" and first.name == "wls")
         instruments &= referenced_share(surveys) >= REFERENCED_SHARE
-        cleaner = Cleaner.of(self.plan.robot, signals) if first.name == "robust" else None
+        # Of the others what is gross alone is taken out, as of the plan.
+        cleaner = self.plan.cleaner
+        if first.name == "robust":
+            cleaner = Cleaner.of(self.plan.robot, signals)
         self.plan = replace(self.plan, instruments=instruments, cleaner=cleaner)
         gathered = self._gather(self.plan)
         self.notes += [] if cleaner is None else cleaner.notes
@@ -253,7 +256,7 @@ def _robust_solve(number: int, solve: Callable[..., Solution] = solve_wls) -> So
 
 
 def cleaned_notes(cleaned: Mapping[str, Mapping[str, int]]) -> list[str]:
-    """What the robust estimator took for outliers; `cleaned`: counts by recording and sensor."""
+    """What was taken for outliers; `cleaned`: counts by recording and sensor."""
     return [
         f"{name}: {count} samples of {sensor} taken for outliers and left out"
         for name, counts in cleaned.items()

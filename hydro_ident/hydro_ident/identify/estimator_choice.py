@@ -1,6 +1,7 @@
 """Which estimator a recording asks for: the rule of `--estimator auto`.
 
-1. Samples that stand out: `robust`.
+1. Samples that stand out: `robust`. Few of them, of which any estimator leaves out those that are
+   gross, are no reason for it.
 2. Recorded references throughout, as instruments, move a parameter by much more than chance:
    `iv`.
 3. Else `wls`.
@@ -82,7 +83,8 @@ def first_choice(
             f"{share:.2%} of the samples of {name} stand out by more than {SPIKE_SIGMAS:g}"
             " standard deviations",
         )
-    return Chosen("wls", "no outliers, and no recorded references to check against")
+    few = "few" if share else "no"
+    return Chosen("wls", f"{few} outliers, and no recorded references to check against")
 
 
 def worst_sensor(robot: Robot, signals: SignalSurvey) -> tuple[str, float]:

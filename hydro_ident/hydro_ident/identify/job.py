@@ -35,6 +35,7 @@ from hydro_ident.identify.survey import (
     still_positions,
     stuck_notes,
 )
+from hydro_ident.recordings.cleaning import Cleaner
 from hydro_ident.recordings.sources import Source
 from hydro_ident.recordings.workers import Workers
 from hydro_model.robot import Robot
@@ -198,6 +199,7 @@ def prepared(robot: Robot, looked: Looked, settings: Settings, workers: Workers)
     every = 0 if others else settings.hold_out_every
     still = still_joints(robot, signals)
     windows, longest_s = _delays_tried(robot, surveys, settings.windows)
+    cleaner = Cleaner.of_gross(robot, signals)
 
     def plan_at(filters: FilterSettings) -> GatherPlan:
         own = replace(effects, filters=filters)
@@ -212,6 +214,7 @@ def prepared(robot: Robot, looked: Looked, settings: Settings, workers: Workers)
             windows,
             still_positions(surveys, still),
             longest_delay_s=longest_s,
+            cleaner=cleaner,
         )
 
     free = settings.filters == FilterSettings()

@@ -87,7 +87,9 @@ def scored(job: Job, estimates: Estimates) -> Scores:
     others, signals, notes = found, merged_signals(job.robot, job.checked), list[str]()
     if not same:
         if plan.cleaner is not None:
-            plan = replace(plan, cleaner=Cleaner.of(job.robot, signals))
+            robust = estimates.chosen.name == "robust"
+            clean = Cleaner.of if robust else Cleaner.of_gross
+            plan = replace(plan, cleaner=clean(job.robot, signals))
         others = run(partial(score_source, plan=plan, scored=True, trained=False), job.others)
         notes = cleaned_notes({s.name: s.cleaned for s in others})
     total = None
@@ -126,7 +128,8 @@ def rolled_out(job: Job, found: Robot | None, hydraulic: HydraulicFit | None) ->
     """Free run of the given and of the identified robot on what is scored, by its voltages."""
     sources, others = job.commanded
     rolled = others or (sources if job.every else ())
-    checks = first_traces(rolled, ROLLED_OUT_S)
+    cleaner = Cleaner.of_gross(job.robot, merged_signals(job.robot, job.checked))
+    checks = first_traces(rolled, ROLLED_OUT_S, cleaner)
     why_not = no_free_run(job.robot, hydraulic)
     return free_run(job.robot, found, checks, job.plan.split, job.plan.filters, why_not)
 

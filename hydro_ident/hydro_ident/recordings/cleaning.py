@@ -3,7 +3,7 @@
 A spike is replaced by a line between its neighbours, a lone one by a cubic through the nearest
 four. A dropout (a reading that jumps and
 then stands still to the last bit) is made a gap, so that no equation uses it. Both are counted
-and said. The robust estimator does this, and the diagnosis for what is gross.
+and said. The robust estimator does this, the others and the diagnosis for what is gross.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ _LEAP_SIGMAS = 40.0
 _FEW, _MOST = 3, 0.02
 #: Spikes are rare, too: where more than this share of a sensor stands out, that is how it reads.
 _MOST_SPIKES = 0.05
+#: A lone reading off by this share of the sensor's usual size is an error, no quick transient.
+GROSS = 0.2
 #: Readings of the whole machine, without which no edge's flow is known.
 _RAILS = ("supply", "tank")
 
@@ -52,6 +54,8 @@ class Limit:
         Below which nothing is a spike.
     lone : bool
         As of `spike_sizes`.
+    leap : float
+        Below which no leap begins or ends a dropout.
     """
 
     name: str
@@ -60,6 +64,7 @@ class Limit:
     noise: float
     floor: float
     lone: bool
+    leap: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,10 +105,24 @@ class Cleaner:
                 limits.append(Limit(s.name, s.field, s.column, s.noise, floor, s.sensor.lone))
         return Cleaner(tuple(limits), tuple(notes))
 
+    @staticmethod
+    def of_gross(robot: Robot, signals: SignalSurvey) -> Cleaner:
+        """For what is gross alone: one such sample bends a fit by many deviations.
+
+        Parameters
+        ----------
+        robot : Robot
+        signals : SignalSurvey
+        """
+        cleaner = Cleaner.of(robot, signals, GROSS)
+        limits = tuple(replace(one, leap=one.floor) for one in cleaner.limits)
+        return replace(cleaner, limits=limits)
+
     def cleaned(self, piece: Piece, counts: dict[str, int]) -> Piece:
         """The piece without its outliers, which are added to `counts` by sensor."""
         recording = piece.recording
         columns: dict[str, FloatArray] = {}
+        segments = recording.segments
         for limit in self.limits:
             values = getattr(recording, limit.field)
             if values is None:
@@ -112,7 +131,7 @@ class Cleaner:
             # A view: rails have a row per cycle and no columns.
             column = fresh if fresh.ndim == 1 else fresh[:, limit.column]
             column[:], bad = without_outliers(
-                column, limit.noise, limit.floor, recording.segments, limit.lone
+                column, limit.noise, limit.floor, segments, limit.lone, limit.leap
             )
             found = int(bad[piece.core].sum())
             if found:
@@ -147,6 +166,7 @@ def without_outliers(
     floor: float = 0.0,
     segments: Sequence[slice] = (slice(None),),
     lone: bool = False,
+    leap: float = 0.0,
 ) -> tuple[FloatArray, BoolArray]:
     """A sensor's readings with spikes replaced and dropouts made gaps.
 
@@ -163,6 +183,8 @@ def without_outliers(
         Stretches in which no cycle is missing.
     lone : bool
         As of `spike_sizes`.
+    leap : float
+        Below which no leap begins or ends a dropout.
 
     Returns
     -------
@@ -176,15 +198,15 @@ def without_outliers(
         for begin, end in runs(np.isfinite(values[segment])):
             if end - begin >= SHORTEST:
                 own = slice(offset + begin, offset + end)
-                cleaned[own], outlier[own] = _clean_run(values[own], noise, floor, lone)
+                cleaned[own], outlier[own] = _clean_run(values[own], noise, floor, lone, leap)
     return cleaned, outlier
 
 
 def _clean_run(
-    values: FloatArray, noise: float, floor: float, lone: bool
+    values: FloatArray, noise: float, floor: float, lone: bool, leap: float
 ) -> tuple[FloatArray, BoolArray]:
     """One stretch without gaps."""
-    dropped = _dropouts(values, noise)
+    dropped = _dropouts(values, max(_LEAP_SIGMAS * noise, leap))
     if dropped is None:
         return values, np.zeros(values.size, dtype=bool)
     index = np.arange(values.size)
@@ -202,13 +224,13 @@ def _clean_run(
     return np.where(dropped, np.nan, cleaned), dropped | spikes
 
 
-def _dropouts(values: FloatArray, noise: float) -> BoolArray | None:
+def _dropouts(values: FloatArray, least: float) -> BoolArray | None:
     """Readings that leap to a value, stand still on it and leap back.
 
     None where that is how the sensor reads: the edges of its steps are no spikes either.
     """
     step = np.diff(values)
-    leap = np.abs(step) > _LEAP_SIGMAS * noise
+    leap = np.abs(step) > least
     dropped, count = np.zeros(values.size, dtype=bool), 0
     for begin, end in runs(step == 0.0):
         if not _FROZEN <= end - begin + 1 <= _LONGEST:

@@ -13,6 +13,7 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import COLUMNS, OVERLAP_S, PIECE_S, Piece, stream_recordings
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.signals.traces import Trace, traces_of_piece
+from hydro_ident.recordings.cleaning import Cleaner
 from hydro_ident.recordings.even_grid import on_even_grid
 from hydro_model.robot import Robot
 
@@ -267,13 +268,17 @@ def check_names(sources: Sequence[Source]) -> None:
         raise IdentError(f"expected bags of different names, found '{twice[0]}' more than once")
 
 
-def first_traces(sources: Sequence[Source], longest_s: float) -> tuple[Trace, ...]:
+def first_traces(
+    sources: Sequence[Source], longest_s: float, cleaner: Cleaner | None = None
+) -> tuple[Trace, ...]:
     """The traces at the start of recordings, `longest_s` in total: what must be in memory whole.
 
     Parameters
     ----------
     sources : sequence of Source
     longest_s : float
+    cleaner : Cleaner, optional
+        What takes outliers out first.
 
     Returns
     -------
@@ -286,7 +291,7 @@ def first_traces(sources: Sequence[Source], longest_s: float) -> tuple[Trace, ..
         if left <= 0.0:
             break
         piece = next(source.pieces(left))
-        for trace in traces_of_piece(piece):
+        for trace in traces_of_piece(piece if cleaner is None else cleaner.cleaned(piece, {})):
             traces.append(trace)
             left -= (trace.owned.stop - trace.owned.start) * trace.step_s
     return tuple(traces)

@@ -34,6 +34,51 @@ def test_spikes_are_replaced_and_dropouts_become_gaps() -> None:
     assert np.nanmax(np.abs(cleaned - wave)) < 6e-3
 
 
+def test_only_what_is_gross_is_taken_out_where_little_stands_out(robot: Robot) -> None:
+    """A glitch of one sample, and a dropout; smaller spikes and a clean recording stay."""
+    good = synthetic_recording(robot, 10.0, 1)
+    assert good.p_a is not None
+    q, p_a = good.q.copy(), good.p_a.copy()
+    q[1200, 0] = 0.0
+    q[2500, 1] += 0.02
+    p_a[700, 0] = 655.0e5
+    p_a[3000:3010, 1] = 0.0
+    bad = replace(good, q=q, p_a=p_a)
+    counts: list[dict[str, int]] = []
+    for recording in (bad, good):
+        cleaner = Cleaner.of_gross(robot, SignalSurvey.of(robot, traces_of([recording])))
+        counts.append({})
+        fresh = cleaner.cleaned(Piece.whole(recording), counts[-1]).recording
+    lift, tilt = robot.joint_names[0], robot.cylinders[1].name
+    assert counts == [{lift: 1, f"{robot.cylinders[0].name}/a": 1, f"{tilt}/a": 10}, {}]
+    np.testing.assert_array_equal(fresh.q, good.q)
+    np.testing.assert_array_equal(fresh.p_a, good.p_a)
+
+
+@pytest.mark.needs("clarabel")
+def test_one_gross_sample_does_not_bend_what_is_identified() -> None:
+    """Fewer than call for the robust estimator: left out by any other, and said."""
+    good = _slide(0.0)
+    assert good.effort is not None
+    effort, q = good.effort.copy(), good.q.copy()
+    effort[9000] = 1.0e6
+    q[17_000] = 0.0
+    bad = replace(good, effort=effort, q=q)
+    told, clean = identify(bad.robot, [bad]), identify(good.robot, [good])
+    assert told.estimator is not None
+    assert told.estimator.name == "wls"
+    assert told.verdict == clean.verdict == "identified"
+    said = [note for note in told.notes if "taken for outliers" in note]
+    assert [note.split(": ")[1] for note in said] == [
+        "1 samples of carriage taken for outliers and left out",
+        "1 samples of carriage effort taken for outliers and left out",
+    ]
+    assert not [note for note in clean.notes if "outliers" in note]
+    for a, b in zip(told.parameters, clean.parameters, strict=True):
+        assert a.value == pytest.approx(b.value, abs=0.3 * b.std), a.name
+        assert a.std == pytest.approx(b.std, rel=0.02), a.name
+
+
 def test_a_missing_row_or_cycle_leaves_the_others_clean() -> None:
     rng = np.random.default_rng(2)
     wave = np.sin(np.linspace(0.0, 20.0, 2000))
