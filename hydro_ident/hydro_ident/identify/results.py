@@ -24,6 +24,7 @@ from hydro_ident.identify.validation_results import (
 from hydro_ident.json_numbers import finite
 from hydro_ident.parameters.parameters import Parameter
 from hydro_model.command_line.output import unwritable
+from hydro_model.description.safe_yaml import parse
 
 SCHEMA = "hydro_ident/identification/1"
 RESULT_FILE, REPORT_FILE = "result.json", "report.html"
@@ -188,7 +189,7 @@ def write_together(
     Everything is written into a new folder beside it first. A new `folder` is then that folder
     renamed; into one that exists, the files are moved one by one, the result itself last, which
     is not there meanwhile. Files of `own` that this run did not write are removed, so that no old
-    model stands beside a new verdict.
+    model stands beside a new verdict, and with the model the URDF that was copied beside it.
 
     Parameters
     ----------
@@ -229,13 +230,33 @@ def _move(fresh: Path, folder: Path, own: Sequence[str]) -> None:
         fresh.rename(folder)
         return
     written = {file.name for file in fresh.iterdir()}
+    old = _copied_urdf(folder, own)
     # Whoever finds a result finds all of it, and no part of another.
     result = next(iter(own), None)
     for name in own:
         if name not in written or name == result:
             (folder / name).unlink(missing_ok=True)
+    if old is not None and old.name not in written:
+        old.unlink(missing_ok=True)
     for name in sorted(written, key=lambda name: (name == result, name)):
         os.replace(fresh / name, folder / name)
+
+
+def _copied_urdf(folder: Path, own: Sequence[str]) -> Path | None:
+    """The URDF that stands beside the old model; None where it may be anything else's, too."""
+    model = folder / MODEL_FILE
+    if MODEL_FILE not in own or not model.is_file():
+        return None
+    # Of a folder with robot files of the user's own it is these files' URDF.
+    if any(f.suffix in (".yaml", ".yml") and f.name not in own for f in folder.iterdir()):
+        return None
+    try:
+        told = parse(model.read_text(encoding="utf-8"))
+    except ValueError:
+        return None
+    name = str(told.get("urdf", "")) if isinstance(told, dict) else ""
+    beside = Path(name).name == name and Path(name).suffix == ".urdf"
+    return folder / name if beside else None
 
 
 def write_outcome(

@@ -177,6 +177,32 @@ def test_a_new_verdict_does_not_stand_beside_an_old_model(tmp_path: Path) -> Non
     assert sorted(p.name for p in out.iterdir()) == ["mine.txt", "result.json"]
 
 
+@pytest.mark.parametrize(
+    ("urdf", "beside", "stays"),
+    [
+        ("xs031.urdf", (), False),
+        ("xs031.urdf", ("xs031.hydraulics.yaml",), True),
+        ("../xs031.urdf", (), True),
+        ("notes.txt", (), True),
+    ],
+)
+def test_the_old_models_urdf_goes_with_it(
+    tmp_path: Path, urdf: str, beside: tuple[str, ...], stays: bool
+) -> None:
+    """Only the copy in the folder, where no robot of the user's own stands."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / urdf).write_text("<robot/>")
+    (out / "other.urdf").write_text("<robot/>")
+    for name in beside:
+        (out / name).write_text("mine")
+    (out / "model.yaml").write_text(f"urdf: {urdf}\n")
+    write_together(out, lambda d: (d / "result.json").write_text("new") and None)
+    assert not (out / "model.yaml").exists()
+    assert (out / urdf).exists() == stays
+    assert (out / "other.urdf").exists()
+
+
 def test_whoever_finds_a_result_finds_all_of_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
