@@ -298,6 +298,10 @@ def test_metadata_of_the_directory_cannot_point_outside(
     data = yaml.safe_load(file.read_text())
     data["rosbag2_bagfile_information"]["relative_file_paths"] = ["../secret.mcap", str(outside)]
     file.write_text(yaml.safe_dump(data))
+    bag = read_bag(path)
+    assert [f.path.parent for f in bag.files] == [path]
+    assert bag.count == 120
+    next(path.glob("*.mcap")).unlink()
     with pytest.raises(BagError, match="found none"):
         read_bag(path)
 

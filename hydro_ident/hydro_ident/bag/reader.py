@@ -30,6 +30,8 @@ PROJECT_METADATA = "hydro"
 _MAX_METADATA_BYTES = 16_000_000
 #: A few thousand topics.
 _MAX_METADATA_NODES = 100_000
+#: What rosbag2 and other writers call no compression of whole files or messages, in any case.
+_NOT_COMPRESSED = ("", "none")
 _DIGITS = re.compile(r"([0-9]{1,18})")
 
 
@@ -233,9 +235,12 @@ def files_of(path: Path) -> tuple[list[McapFile], list[str], dict[str, str]]:
     missing = [name for name in names if not (path / name).is_file()]
     notes += [f"{name}: named by {METADATA_FILE}, not there" for name in missing]
     # No error of its own: but a changed byte of one name makes it another's.
-    left_out = [name for name in there if name not in names]
-    notes += [f"{name}: not named by {METADATA_FILE}, left out" for name in left_out]
+    others = [name for name in there if name not in names]
     present = [name for name in names if name not in missing]
+    # Where nothing is there under its name the files were renamed.
+    what = "left out" if present else "taken, as no file that it names is there"
+    notes += [f"{name}: not named by {METADATA_FILE}, {what}" for name in others]
+    present = present or others
     if not present:
         expected = "expected a rosbag2 directory with .mcap files, found none"
         raise BagError(f"{path}: {expected}{instead_of_bag(path)}")
@@ -259,9 +264,10 @@ def _listed(path: Path, notes: list[str]) -> tuple[list[str] | None, dict[str, s
     if storage != "mcap":
         other = instead_of_storage(path, str(storage))
         raise BagError(f"{path}: expected MCAP storage, found '{storage}'{other}")
-    if information.get("compression_mode"):
+    mode = str(information.get("compression_mode") or "")
+    if mode.lower() not in _NOT_COMPRESSED:
         raise BagError(
-            f"{path}: expected chunk compression, found whole {information['compression_mode']}"
+            f"{path}: expected chunk compression, found whole {mode}"
             "s compressed by rosbag2: play or convert it with rosbag2 first"
         )
     listed = information.get("relative_file_paths")
