@@ -39,6 +39,9 @@ _DESCRIBED_BYTES = 1 << 26
 
 HEADER, FOOTER, CHUNK, METADATA, DATA_END = 0x01, 0x02, 0x06, 0x0C, 0x0F
 
+#: Encodings of schemas whose names are those of messages of ROS 2.
+_OF_ROS2 = ("ros2msg", "ros2idl")
+
 _HEAD = struct.Struct("<BQ")
 _SHORT_PAIR = struct.Struct("<HH")
 
@@ -230,6 +233,8 @@ class McapFile:
         encoding, at = _string(body, at)
         metadata = _mapping(body, at)
         name, schema_encoding, text = self._schemas.get(schema, ("", "", ""))
+        if schema_encoding in _OF_ROS2:
+            name = _in_three_parts(name)
         self.channels.setdefault(
             channel, Channel(topic, name, encoding, schema_encoding, text, metadata)
         )
@@ -293,6 +298,12 @@ class McapFile:
             for opcode, body in summary_records(self.path):
                 if opcode in (SCHEMA, CHANNEL):
                     self._note(opcode, body)
+
+
+def _in_three_parts(name: str) -> str:
+    """The name of a message of ROS 2, which some writers shorten to `package/Message`."""
+    package, slash, message = name.partition("/")
+    return f"{package}/msg/{message}" if slash and "/" not in message else name
 
 
 def _string(body: bytes, at: int) -> tuple[str, int]:
