@@ -15,6 +15,13 @@ from numpy.typing import NDArray
 from hydro_ident.bag.series import Series
 from hydro_model.arrays import FloatArray, IntArray
 
+#: What is larger is no reading, but what a driver says instead of one (DBL_MAX, FLT_MAX, 1e20): no
+#: sum or square of readings survives it. Readings in a unit that is taken for the contract's are
+#: smaller, so that what tells wrong units still sees them: positions and points are some metres or
+#: turns, which are 1e7 um, urad or counts of an encoder; efforts are pressures, voltages, forces
+#: and torques, at most 1e8 Pa or N; temperatures are some hundred degrees, 1e6 thousandths.
+_LARGEST = {"position": 1e9, "velocity": 1e9, "effort": 1e10, "point": 1e9, "temperature": 1e6}
+
 
 @dataclass(frozen=True, slots=True)
 class Repeats:
@@ -80,8 +87,8 @@ class Topic:
         return Topic(series, stamp_ns, row.astype(np.int64), repeats)
 
     def values(self, field: str) -> FloatArray:
-        """A field in order of the stamps, (U, k)."""
-        return self.series.fields[field][self.row]
+        """A field in order of the stamps, (U, k); NaN where a number is too large or infinite."""
+        return readings(self.series.fields[field][self.row], field)
 
 
 def _put_together(series: Series, row: IntArray, which: IntArray) -> tuple[Series, int, int]:
@@ -120,6 +127,22 @@ def _put_together(series: Series, row: IntArray, which: IntArray) -> tuple[Serie
     return replace(series, fields=fields), duplicates, contradicted
 
 
+def readings(values: FloatArray, field: str) -> FloatArray:
+    """What of a field of messages may be readings; NaN elsewhere.
+
+    Parameters
+    ----------
+    values : array
+    field : str
+        As in the message: position, velocity, effort, point, temperature.
+
+    Returns
+    -------
+    array
+    """
+    return np.where(np.abs(values) > _LARGEST[field], np.nan, values)
+
+
 def join(
     grid: IntArray, topic: Topic | None, names: Sequence[str] | None, field: str
 ) -> FloatArray | None:
@@ -136,7 +159,8 @@ def join(
     Returns
     -------
     (N, k) array or None
-        NaN where an entry or a stamp is missing; None where there is no value at all.
+        NaN where an entry or a stamp is missing, or a number is too large to be a reading; None
+        where there is no value at all.
     """
     if topic is None or field not in topic.series.fields:
         return None
@@ -151,7 +175,7 @@ def join(
         wanted = [i for i, name in enumerate(names) if name in known]
         columns = [known.index(names[i]) for i in wanted]
     joined = np.full((len(grid), len(names) if names is not None else len(columns)), np.nan)
-    joined[np.ix_(there, wanted)] = values[np.ix_(rows, columns)]
+    joined[np.ix_(there, wanted)] = readings(values[np.ix_(rows, columns)], field)
     return None if bool(np.isnan(joined).all()) else joined
 
 

@@ -242,7 +242,8 @@ def _part(
 
 
 def _not_finite(name: str, count: int) -> list[Finding]:
-    return [Finding(name, "not_finite", f"{count} samples are not finite")] if count else []
+    text = f"{count} samples are not finite or beyond any physical size"
+    return [Finding(name, "not_finite", text)] if count else []
 
 
 def _stuck(

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from hydro_ident.bag.grid import readings
 from hydro_ident.errors import BagError
 from hydro_ident.logs.clocks import Timeline, clock_of
 from hydro_ident.logs.file import Log
@@ -88,7 +89,9 @@ class Columns:
         """Number of cycles."""
         return len(self.timeline.stamps_ns)
 
-    def of(self, signal: LogSignal | None, where: str, joint: str = "") -> FloatArray | None:
+    def of(
+        self, signal: LogSignal | None, where: str, field: str, joint: str = ""
+    ) -> FloatArray | None:
         """A quantity on the cycles.
 
         Parameters
@@ -96,6 +99,8 @@ class Columns:
         signal : LogSignal or None
         where : str
             Who asks, for messages.
+        field : str
+            Of the messages that will carry it, as of `hydro_ident.bag.grid.readings`.
         joint : str
             Whose angle it is; whole turns bring it nearest to the joint's range, and a further one
             of the same joint, its reference, nearest to that.
@@ -127,6 +132,7 @@ class Columns:
         rows = self.timeline.rows[clock_of(self.log, self.mapping, signal)]
         columns = [self._recorded(name, where, len(rows)) for name in signal.names]
         recorded = columns[0] - columns[1] if signal.minus else columns[0]
+        recorded = self._readings(recorded, signal, where, field)
         if not np.isfinite(recorded).any():
             raise BagError(
                 f"{self.log.path}: '{' - '.join(signal.names)}' holds no number"
@@ -171,6 +177,16 @@ class Columns:
                 f" {len(column)}: name its own with 'time: SIGNAL'{hint}"
             )
         return column
+
+    def _readings(
+        self, recorded: FloatArray, signal: LogSignal, where: str, field: str
+    ) -> FloatArray:
+        """Without numbers that stand for no reading: no jump is one of theirs, nor a range."""
+        lost = np.isfinite(recorded) & np.isnan(readings(signal.factor * recorded, field))
+        if not lost.any():
+            return recorded
+        self.remarks.append(f"{where}: {lost.sum()} samples beyond any physical size left out")
+        return np.where(lost, np.nan, recorded)
 
     def _say_wraps(self, recorded: FloatArray, signal: LogSignal, where: str) -> None:
         if signal.wrap:

@@ -147,7 +147,7 @@ def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, s
         timeline = timeline_of(log, mapping)
         columns = Columns(log, mapping, timeline)
         topics = topics_of(columns)
-        temperature = columns.of(mapping.oil_temperature, "oil_temperature")
+        temperature = columns.of(mapping.oil_temperature, "oil_temperature", "temperature")
         odd = check_times(log, mapping, columns.used)
     stamps, topics, temperature, remark = _kept(mapping, timeline.stamps_ns, topics, temperature)
     efforts = {t: [c.fields["effort"]] for t, c in topics.items() if "effort" in c.fields}
@@ -204,7 +204,7 @@ def topics_of(columns: Columns) -> dict[str, TopicColumns]:
         keys = [key for keys in layout.values() for key in keys]
         names = tuple(dict.fromkeys(n for key in keys for n in sections[key]))
         fields = {
-            field: _field(columns, names, keys)
+            field: _field(columns, names, field, keys)
             for field, keys in layout.items()
             if any(sections[key] for key in keys)
         }
@@ -215,12 +215,12 @@ def topics_of(columns: Columns) -> dict[str, TopicColumns]:
     return topics
 
 
-def _field(columns: Columns, names: Sequence[str], keys: Sequence[str]) -> FloatArray:
+def _field(columns: Columns, names: Sequence[str], field: str, keys: Sequence[str]) -> FloatArray:
     values = np.full((columns.count, len(names)), np.nan)
     for key in keys:
         for name, signal in columns.mapping.sections[key].items():
             joint = name if key in OF_JOINTS else ""
-            column = columns.of(signal, f"{key}, {name}", joint)
+            column = columns.of(signal, f"{key}, {name}", field, joint)
             if column is not None:
                 values[:, names.index(name)] = column
     return values
