@@ -130,3 +130,13 @@ def test_the_noise_model_of_an_autoregression_is_found() -> None:
 def test_too_few_rows_are_refused() -> None:
     with pytest.raises(IdentError, match="2 rows cannot determine 2 parameters"):
         weighted_least_squares([_rows(_regressors(np.random.default_rng(0), 2))])
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_rows_beyond_all_measure_are_refused_by_name() -> None:
+    """It had been LinAlgError, of eigenvalues that do not converge."""
+    x = _regressors(np.random.default_rng(0), 200)
+    noise = np.random.default_rng(1).normal(size=(200, 1))
+    noise[100] = 1e180
+    with pytest.raises(IdentError, match="expected a finite covariance of the parameters"):
+        weighted_least_squares([_rows(x, noise)])

@@ -59,6 +59,7 @@ def baselines_of(work: Residuals | None) -> dict[str, Any]:
     """
     import numpy as np
 
+    from hydro_ident.errors import IdentError
     from hydro_ident.mismatch.naming.baselines import always_coulomb, greedy_bic
 
     chosen: dict[str, Callable[[Residuals], tuple[BaselineFinding, ...]]] = {
@@ -72,7 +73,7 @@ def baselines_of(work: Residuals | None) -> dict[str, Any]:
         found, error = (), ""
         try:
             found = () if work is None else baseline(work)
-        except np.linalg.LinAlgError as failure:
+        except (IdentError, np.linalg.LinAlgError) as failure:
             error = str(failure)
         answers[name] = {**baseline_result(found), "error": error}
         answers[name]["seconds"] = time.process_time() - start

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hydro_ident.errors import NotEnoughDataError
 from hydro_ident.estimate.statistics.blocks import Blocks
 from hydro_ident.estimate.statistics.lag_sums import autocovariance, shifted_autocovariances
 from hydro_ident.estimate.statistics.noise_model import lag_products, noise_model, spread_products
@@ -133,6 +134,11 @@ def with_noise(unit: Blocks, estimator: Estimator, far: FloatArray) -> Solution:
     Returns
     -------
     Solution
+
+    Raises
+    ------
+    NotEnoughDataError
+        Numbers are so far apart that there is no covariance.
     """
     variance = levels(unit, estimator.theta) ** 2
     seen = lag_products(unit, estimator.theta)
@@ -221,6 +227,11 @@ def _covariance(
 ) -> FloatArray:
     total = _covariance_by_group(estimator, turned, correlation, variance).sum(axis=0)
     total = 0.5 * (total + total.T)
+    if not np.isfinite(total).all():
+        raise NotEnoughDataError(
+            "least squares: expected a finite covariance of the parameters, found one that is not:"
+            " some reading is too far beyond the others"
+        )
     # Lags beyond the longest are cut off, which leaves a little less than a covariance.
     values, vectors = np.linalg.eigh(total)
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
