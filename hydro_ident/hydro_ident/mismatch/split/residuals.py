@@ -55,15 +55,12 @@ from hydro_ident.mismatch.split.parts import (
     thinly,
 )
 from hydro_ident.mismatch.trials.scoring import Bank
-from hydro_ident.recordings.cleaning import Cleaner
+from hydro_ident.recordings.cleaning import GROSS, Cleaner
 from hydro_ident.recordings.sources import Source
 from hydro_model.arrays import BoolArray
 from hydro_model.effects.catalogue import resolve
 from hydro_model.multibody.rigid_body import mass_matrix
 from hydro_model.robot import FloatArray, Robot
-
-#: A lone reading off by this share of the sensor's usual size is an error, no quick transient.
-_GROSS = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,7 +198,7 @@ def residuals(
     locked = still_joints(robot, signals)
     still = read_rightly(still_positions(surveys, locked), off)
     sources, others = with_updates(robot, sources, others, surveys)
-    cleaner = Cleaner.of(robot, signals, _GROSS)
+    cleaner = Cleaner.of(robot, signals, GROSS)
     whole, recorded, cleaned = read_whole(sources, others, cleaner)
     if not whole:
         return None
