@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from hydro_ident.bag.ends import Ends
 from hydro_ident.bag.gaps import GapCount
 from hydro_ident.bag.reading_rate import SecondLook
 from hydro_ident.bag.recorded_run import Recording
@@ -72,7 +73,7 @@ def find_irregularities(recording: Recording) -> list[Finding]:
     for part in parts_of(recording):
         second.add(part)
         jitter.add(part)
-    return irregularities(look, (second, jitter), gaps, recording.dead)
+    return irregularities(look, (second, jitter), gaps, recording.dead, recording.ends)
 
 
 def irregularities(
@@ -80,6 +81,7 @@ def irregularities(
     against: tuple[SecondLook, StampJitter],
     gaps: GapCount,
     dead: Mapping[str, float],
+    ends: Ends,
 ) -> list[Finding]:
     """What two looks at a recording's signals found.
 
@@ -91,6 +93,7 @@ def irregularities(
     gaps : GapCount
         Of the cycles.
     dead : mapping of str to float
+    ends : Ends
         As of `Recording`.
 
     Returns
@@ -108,6 +111,7 @@ def irregularities(
         *_units(look, period_s, dead),
         *_pressures(look, period_s, dead),
         *_valves(look, period_s),
+        *(Finding(topic, "apart", text) for topic, text in ends.told(period_s)),
     ]
 
 

@@ -261,21 +261,15 @@ def _findings(
 ) -> list[Finding]:
     name = other_robot(passage.metadata, look.robot)
     other = f"recorded as '{name}', looked at as {look.robot.name}"
-    if second.readings is None:
+    if second.readings is None or passage.maker is None:
         return []
-    found = irregularities(look, second.readings, second.cycle_gaps, look.hidden)
+    ends = passage.maker.ends
+    found = irregularities(look, second.readings, second.cycle_gaps, look.hidden, ends)
     return [
         *([Finding("robot", "other", other)] if name else []),
         *found,
         *_unused(passage, first, look),
-        *_apart(passage, first, look),
     ]
-
-
-def _apart(passage: Passage, first: FirstPass, look: SignalLook) -> list[Finding]:
-    """Joints and pressures that do not begin or end together."""
-    told = [] if passage.maker is None else passage.maker.ends.told(first.period_s(look.robot))
-    return [Finding(topic, "apart", text) for topic, text in told]
 
 
 def _unused(passage: Passage, first: FirstPass, look: SignalLook) -> list[Finding]:
