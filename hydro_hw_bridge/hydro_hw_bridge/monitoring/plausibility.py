@@ -21,6 +21,8 @@ from hydro_hw_bridge.protocol.frames import Readings
 BELOW_VACUUM_PA, ABOVE_RANGE = 1.0e5, 1.2
 #: An encoder that has not moved a count while its valve was so far open for so long is stuck.
 STUCK_S, STUCK_SHARE = 0.5, 0.2
+#: Of the time that the valve is shut again: by so much what it was open before counts less.
+FORGOTTEN = 0.125
 #: A pressure without any noise for so long is named; a sound one may be as still for a while.
 STILL_S = 2.0
 
@@ -81,7 +83,7 @@ class ReadingsWatch:
         """The device counts anew: the next readings are the first."""
         self._last: Readings | None = None
         self._at = 0
-        self._unmoved = [0] * len(self._names)
+        self._unmoved = [0.0] * len(self._names)
         self._unchanged = [0] * len(self._pressure_names)
         self._side.forget()
 
@@ -144,14 +146,14 @@ class ReadingsWatch:
             if valve is None:
                 continue
             if now.positions[i] != last.positions[i]:
-                self._unmoved[i] = 0
+                self._unmoved[i] = 0.0
             elif self._is_shut(applied[valve], valve):
-                # Not from 0: of a valve that swings to and fro, its sign changes through here.
-                self._unmoved[i] = max(0, self._unmoved[i] - cycles)
+                # Not from 0: the valve of an arm that moves is shut now and then, too.
+                self._unmoved[i] = max(0.0, self._unmoved[i] - FORGOTTEN * cycles)
             else:
                 self._unmoved[i] += cycles
             if self._unmoved[i] * self._period_s >= STUCK_S:
-                self._unmoved[i] = 0
+                self._unmoved[i] = 0.0
                 self.counters.stuck += 1
                 return self._found(
                     f"{self._names[i]}: encoder stuck, not a count in {STUCK_S:g} s with"
