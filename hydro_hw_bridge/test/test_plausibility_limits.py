@@ -137,9 +137,9 @@ def _in_turns(
 def test_a_valve_that_opens_now_and_then_makes_no_encoder_stuck(
     watch: ReadingsWatch, readings: Make
 ) -> None:
-    # A hold around an overlap: 10 ms of a second. And a ninth of the time.
+    # A hold around an overlap: 10 ms of a second. And a 33rd of the time.
     assert _in_turns(watch, readings, 5, 495, 120) == []
-    assert _in_turns(watch, readings, 10, 80, 50) == []
+    assert _in_turns(watch, readings, 10, 320, 60) == []
 
 
 def test_shut_before_it_opens_is_no_time_gained_or_lost(
@@ -156,9 +156,9 @@ def test_shut_before_it_opens_is_no_time_gained_or_lost(
 def test_of_a_valve_that_swings_a_stuck_encoder_is_found_all_the_same(
     watch: ReadingsWatch, readings: Make
 ) -> None:
-    # Turns of 55 count 50 - 5 / 8: five, less the first look, and the fifth of the next one.
+    # Turns of 55 count 50 - 5 / 32: five, less the first look, and the second of the next one.
     found = _in_turns(watch, readings, 50, 5, 10)
-    assert found == [5 * 55 + 4]
+    assert found == [5 * 55 + 1]
 
 
 @pytest.mark.parametrize("changes", [-1, 100])

@@ -21,8 +21,9 @@ from hydro_hw_bridge.protocol.frames import Readings
 BELOW_VACUUM_PA, ABOVE_RANGE = 1.0e5, 1.2
 #: An encoder that has not moved a count while its valve was so far open for so long is stuck.
 STUCK_S, STUCK_SHARE = 0.5, 0.2
-#: Of the time that the valve is shut again: by so much what it was open before counts less.
-FORGOTTEN = 0.125
+#: Of the time that the valve is shut again: by so much what it was open before counts less. More
+#: would tell of a stuck encoder too late, as the valve of an arm that moves is shut at times, too.
+FORGOTTEN = 1.0 / 32.0
 #: A pressure without any noise for so long is named; a sound one may be as still for a while.
 STILL_S = 2.0
 
@@ -148,7 +149,6 @@ class ReadingsWatch:
             if now.positions[i] != last.positions[i]:
                 self._unmoved[i] = 0.0
             elif self._is_shut(applied[valve], valve):
-                # Not from 0: the valve of an arm that moves is shut now and then, too.
                 self._unmoved[i] = max(0.0, self._unmoved[i] - FORGOTTEN * cycles)
             else:
                 self._unmoved[i] += cycles
