@@ -153,6 +153,19 @@ def test_shut_before_it_opens_is_no_time_gained_or_lost(
     assert found == [10 + 249]
 
 
+def test_what_is_forgotten_goes_by_time_whatever_cycles_are_lost(
+    watch: ReadingsWatch, readings: Make
+) -> None:
+    # Open for 200 cycles, shut for 3200 of which every second is lost, open again.
+    counters = [*range(201), *range(202, 3402, 2), *range(3401, 3700)]
+    found = []
+    for k in counters:
+        volts = (9.0, 0.0) if 0 < k <= 200 or k > 3400 else SHUT
+        if "encoder stuck" in watch.look(readings(k, pressures_pa=_noisy(k)), k, volts).passing:
+            found.append(k)
+    assert found == [3400 + 150]
+
+
 def test_of_a_valve_that_swings_a_stuck_encoder_is_found_all_the_same(
     watch: ReadingsWatch, readings: Make
 ) -> None:
