@@ -64,15 +64,15 @@ source "$here/processes.sh"
 [[ -z $bridge ]] || check_parameters hydro_hw_bridge "$bridge" robot can clock mapping dbc calibration
 [[ -z $controller ]] || check_parameters hydro_control "$controller" robot ${path:+path}
 parameters=(${bridge:+--params-file "$(realpath "$bridge")"})
-parameters+=(-p "robot:=$robot" -p "can:=$can" -p clock:=real_time)
+parameters+=(-p "$(parameter robot "$robot")" -p "$(parameter can "$can")" -p clock:=real_time)
 for name in mapping dbc calibration; do
-  [[ -z ${!name} ]] || parameters+=(-p "$name:=$(realpath "${!name}")")
+  [[ -z ${!name} ]] || parameters+=(-p "$(parameter "$name" "$(realpath "${!name}")")")
 done
 gains=${controller:-$(shipped_gains)}
-control=(--ros-args --params-file "$(realpath "$gains")" -p "robot:=$robot")
+control=(--ros-args --params-file "$(realpath "$gains")" -p "$(parameter robot "$robot")")
 # A path that is no file may be a shipped one: the controller knows them.
 if [[ -f $path ]]; then path=$(realpath "$path"); fi
-[[ -z $path ]] || control+=(-p "path:=$path")
+[[ -z $path ]] || control+=(-p "$(parameter path "$path")")
 
 if $sim && [[ -z ${ROS_DOMAIN_ID:-} ]]; then
   # A rehearsal must neither hear nor disturb a machine.

@@ -5,6 +5,7 @@
 #                              the script be killed, where util-linux's setpriv can see to it
 #   transition NODE NAME WHAT  lifecycle transition of NODE, the process NAME; ends with its error
 #   wait_for NAME TEXT [S]     until NAME's log shows TEXT, at most S seconds (120)
+#   parameter NAME VALUE       a ROS parameter as `-p` takes it, whatever is in its value
 #   absent NODE ...            ends with what is there where a node of one of these names is
 #   unused_domain FROM         the first ROS domain from FROM on that nobody here takes part in
 #   stop NAME ...              SIGTERM, then SIGKILL after 10 s; waits; 0 V comes first where
@@ -22,6 +23,12 @@ with_parent=(setpriv --pdeathsig TERM)
 "${with_parent[@]}" true 2>/dev/null || with_parent=()
 
 note() { printf '%s\n' "$*" >&2; }
+
+# rcl reads the value as YAML, where ` #`, `: ` and numbers are something else: it is quoted.
+parameter() {
+  local quote=\'
+  printf '%s\n' "$1:=$quote${2//$quote/$quote$quote}$quote"
+}
 
 start() {
   local name=$1

@@ -90,13 +90,16 @@ start "$name.rig" "$(hydro_exe hydro_hw_bridge sim_rig)" --robot "$rig" --truth 
   "${io[@]}" --can "$bus" "--${clock/_/-}" --seed "$seed" "${pose[@]}" --duration "$duration" \
   --truth-out "$out/truth/$name.npz"
 wait_for "$name.rig" ready
-start "$name.bridge" "$(hydro_exe hydro_hw_bridge can_bridge)" --ros-args -p "robot:=$rig" \
-  -p "mapping:=$mapping" ${dbc:+-p "dbc:=$dbc"} -p "can:=$bus" -p "clock:=$clock" "${deep_history[@]}" \
+start "$name.bridge" "$(hydro_exe hydro_hw_bridge can_bridge)" --ros-args \
+  -p "$(parameter robot "$rig")" -p "$(parameter mapping "$mapping")" \
+  ${dbc:+-p "$(parameter dbc "$dbc")"} -p "$(parameter can "$bus")" -p "clock:=$clock" \
+  "${deep_history[@]}" \
   -p "required_subscribers:=/joint_states:2 /chamber_pressures:2 /valve_state:2"
 start "$name.recorder" "$(hydro_exe hydro_ident recorder)" --out "$out/bags" --name "$name" \
   --robot "$robot" --attach "controller_parameters=$gains" --attach "mapping=$mapping"
 start "$name.controller" "$(hydro_exe hydro_control controller)" --ros-args \
-  --params-file "$gains" -p "robot:=$robot" -p "path:=$path" -p required_recorders:=1 \
+  --params-file "$gains" -p "$(parameter robot "$robot")" -p "$(parameter path "$path")" \
+  -p required_recorders:=1 \
   "${deep_history[@]}"
 transition can_bridge "$name.bridge" configure
 transition controller "$name.controller" configure

@@ -9,8 +9,10 @@ import subprocess
 from pathlib import Path
 
 import pytest
+import yaml
 
 from hydro_hw_bridge.rig.command import _driven_cycles, _parser
+from hydro_model.motion.paths import shipped_paths
 
 ROOT = Path(__file__).resolve().parents[1]
 #: What each is given to get as far as the environment.
@@ -30,7 +32,9 @@ STUB = """#!/usr/bin/env bash
 case $* in
   "activate /can_bridge "*) touch "$0.driven" ;;
   configure*|activate*) ;;
-  *clock:=*) echo "$bridge"; exec sleep 240 ;;
+  *clock:=*) printf '%s\n' "$@" >"$0.bridge"; echo "$bridge"; exec sleep 240 ;;
+  *path:=*) printf '%s\n' "$@" >"$0.controller"; echo "receiving /tip_reference"
+     echo "${controller:-}"; exec sleep 240 ;;
   *--truth-out*) echo "ready, told $*"; until [[ -e $0.driven ]]; do sleep 0.05; done ;;
   *) echo "receiving /joint_states, receiving /chamber_pressures, receiving /tip_reference"
      exec sleep 240 ;;
@@ -123,19 +127,18 @@ def test_a_run_of_less_than_a_second_ends(tmp_path: Path) -> None:
 
 
 def run_around(
-    folder: Path, duration: str, bridge: str = "reading"
+    folder: Path, duration: str, *options: str, **said: str
 ) -> subprocess.CompletedProcess[str]:
-    """`rig_run` around processes that do nothing; what its bridge says."""
+    """`rig_run` around processes that do nothing; what its bridge and controller say."""
     shutil.copytree(ROOT / "scripts", folder / "scripts")
     stub = folder / "stub"
     stub.write_text(STUB, encoding="utf-8")
     stub.chmod(0o755)
     exe = "hydro_exe() { printf '%s' \"$stub\"; }\n"
     (folder / "scripts/env.sh").write_text(exe, encoding="utf-8")
-    arguments = [*ARGUMENTS["rig_run"], "--duration", duration]
-    return run(
-        folder / "scripts/rig_run.sh", *arguments, cwd=folder, stub=str(stub), bridge=bridge
-    )
+    arguments = [*ARGUMENTS["rig_run"], "--duration", duration, *options]
+    said = {"bridge": "reading"} | said
+    return run(folder / "scripts/rig_run.sh", *arguments, cwd=folder, stub=str(stub), **said)
 
 
 def test_a_run_whose_gate_tripped_fails_with_the_reason(tmp_path: Path) -> None:
@@ -156,3 +159,22 @@ def test_nor_does_one_written_without_its_0_fail(tmp_path: Path) -> None:
     duration = words[words.index("--duration") + 1]
     assert duration == ".5"
     assert _driven_cycles(_parser().parse_args(["--duration", duration]).duration, 0.002) == 250
+
+
+def test_files_are_told_to_the_nodes_by_their_whole_names(tmp_path: Path) -> None:
+    """A parameter's value is read as YAML: what follows ` #` would be a remark."""
+    lab = tmp_path / "lab #2: it's"
+    lab.mkdir()
+    shutil.copy(ROOT / "hydro_msgs_docs/can/xs031.mapping.yaml", lab)
+    shutil.copy(shipped_paths()["xs031/parallelogram"], lab / "path.yaml")
+    mapping, path = lab / "xs031.mapping.yaml", lab / "path.yaml"
+    done = run_around(tmp_path, ".5", "--mapping", str(mapping), "--path", str(path))
+    assert done.returncode == 0, done.stderr
+
+    def told(node: str) -> dict[str, object]:
+        words = (tmp_path / f"stub.{node}").read_text(encoding="utf-8").splitlines()
+        pairs = (word.split(":=", 1) for word in words if ":=" in word)
+        return {name: yaml.safe_load(value) for name, value in pairs}
+
+    assert told("bridge")["mapping"] == str(mapping)
+    assert told("controller")["path"] == str(path)
