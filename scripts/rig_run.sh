@@ -63,8 +63,10 @@ robot=${robot:-$rig}
 # What is shipped is found by the robot's name; for another one a bus is made.
 if [[ -z $mapping ]]; then mapping=$(default_mapping "$rig"); fi
 if [[ -z $mapping ]]; then
-  "$(hydro_exe hydro_hw_bridge new_bus)" --robot "$rig" --out "$out/bus" --force >&2
-  mapping=$(printf '%s\n' "$out"/bus/*.mapping.yaml)
+  # Other robots' runs may have left theirs there.
+  made=$("$(hydro_exe hydro_hw_bridge new_bus)" --robot "$rig" --out "$out/bus" --force)
+  note "$made"
+  mapping=$(grep '\.mapping\.yaml$' <<<"$made")
 fi
 io=(--mapping "$mapping" ${dbc:+--dbc "$dbc"})
 pose=()

@@ -13,6 +13,7 @@ import yaml
 
 from hydro_hw_bridge.rig.command import _driven_cycles, _parser
 from hydro_model.motion.paths import shipped_paths
+from hydro_model.robot_files import shipped_robots
 
 ROOT = Path(__file__).resolve().parents[1]
 #: What each is given to get as far as the environment.
@@ -32,6 +33,7 @@ STUB = """#!/usr/bin/env bash
 case $* in
   "activate /can_bridge "*) touch "$0.driven" ;;
   configure*|activate*) ;;
+  *--force) printf '%s\n' o/bus/own.dbc o/bus/own.mapping.yaml ;;
   *clock:=*) printf '%s\n' "$@" >"$0.bridge"; echo "$bridge"; exec sleep 240 ;;
   *path:=*) printf '%s\n' "$@" >"$0.controller"; echo "receiving /tip_reference"
      echo "${controller:-}"; exec sleep 240 ;;
@@ -171,10 +173,26 @@ def test_files_are_told_to_the_nodes_by_their_whole_names(tmp_path: Path) -> Non
     done = run_around(tmp_path, ".5", "--mapping", str(mapping), "--path", str(path))
     assert done.returncode == 0, done.stderr
 
-    def told(node: str) -> dict[str, object]:
-        words = (tmp_path / f"stub.{node}").read_text(encoding="utf-8").splitlines()
-        pairs = (word.split(":=", 1) for word in words if ":=" in word)
-        return {name: yaml.safe_load(value) for name, value in pairs}
+    assert told(tmp_path, "bridge")["mapping"] == str(mapping)
+    assert told(tmp_path, "controller")["path"] == str(path)
 
-    assert told("bridge")["mapping"] == str(mapping)
-    assert told("controller")["path"] == str(path)
+
+def told(folder: Path, node: str) -> dict[str, object]:
+    """The parameters that a node was given, as it reads them."""
+    words = (folder / f"stub.{node}").read_text(encoding="utf-8").splitlines()
+    pairs = (word.split(":=", 1) for word in words if ":=" in word)
+    return {name: yaml.safe_load(value) for name, value in pairs}
+
+
+def test_the_bus_is_the_robots_own_where_another_ones_lies_beside(tmp_path: Path) -> None:
+    shipped = shipped_robots()["xs031"]
+    shutil.copy(shipped.with_name("xs031.urdf"), tmp_path)
+    own = shipped.read_text(encoding="utf-8").replace("robot: xs031", "robot: own")
+    (tmp_path / "own.hydraulics.yaml").write_text(own, encoding="utf-8")
+    bus = tmp_path / "o/bus"
+    bus.mkdir(parents=True)
+    for name in ("another", "own"):
+        (bus / f"{name}.mapping.yaml").touch()
+    done = run_around(tmp_path, ".5", "--rig", "own.hydraulics.yaml")
+    assert done.returncode == 0, done.stderr
+    assert told(tmp_path, "bridge")["mapping"] == "o/bus/own.mapping.yaml"
