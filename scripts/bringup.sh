@@ -98,24 +98,22 @@ fi
 start bridge "$(hydro_exe hydro_hw_bridge can_bridge)" --ros-args "${parameters[@]}"
 start controller "$(hydro_exe hydro_control controller)" "${control[@]}"
 
-# What the bridge says of itself, from its log: whether it drives its gate alone knows.
-exec {bridge_log}<"$log_dir/bridge.log"
-state='' unread=''
-# hear: its next whole line into $line, where there is one.
-hear() {
-  local part=
-  if ! IFS= read -r -u "$bridge_log" part; then unread+=$part; return 1; fi
-  line=$unread$part unread=''
+# What both say of themselves, from their logs: whether it drives its gate alone knows, and the controller
+# alone whether that is what it was asked for.
+follow bridge
+follow controller
+state='' latched=''
+say_driving() {
+  note "driving $robot on $can; Ctrl-C stops with the valves at zero"
+  [[ -z $latched ]] || note "  NOT moved, unless the controller was activated anew since: $latched"
 }
 # look_at_bridge: take what it has said since the last look, and tell what changes for who stands by.
 look_at_bridge() {
   local line
-  while hear; do
-    [[ $line == *'[can_bridge]: '* ]] || continue
-    line=${line#*'[can_bridge]: '}
+  while hear bridge can_bridge; do
     case $line in
       driving)
-        [[ $state == driving ]] || note "driving $robot on $can; Ctrl-C stops with the valves at zero"
+        [[ $state == driving ]] || say_driving
         state=driving ;;
       tripped:*)
         note "NOT driving $robot, valves at zero: the gate $line"
@@ -123,8 +121,24 @@ look_at_bridge() {
         state=tripped ;;
       inactive:* | waiting* | 'nothing from the device'*)
         [[ $state != driving ]] || note "NOT driving $robot any more: the bridge is $line"
+        # A gate that drove and waits for a command again: the controller was deactivated.
+        [[ $state != driving || $line != 'waiting for a first command' ]] || latched=
         state=$line ;;
     esac
+  done
+}
+# look_at_controller: as look_at_bridge. Of a gate that drives 0 V the bridge has nothing to say.
+look_at_controller() {
+  local line
+  while hear controller controller; do
+    [[ $line =~ ^$undriven ]] || continue
+    if [[ $line == *activate*anew* ]]; then
+      latched=$line
+      note "NOT moving $robot, valves at zero: the controller says $line"
+      note "  once its cause is gone: $lifecycle deactivate /controller, then $lifecycle activate /controller"
+    else
+      note "NOT moving $robot as asked: the controller says $line"
+    fi
   done
 }
 
@@ -162,6 +176,7 @@ fi
 recording=$record
 while running bridge && running controller; do
   look_at_bridge
+  look_at_controller
   if [[ -n $recording ]] && ! running recorder; then
     recording=
     note "NOT RECORDING any more, and going on: recorder: $(last_line recorder)"

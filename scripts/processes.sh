@@ -8,6 +8,8 @@
 #   parameter NAME VALUE       a ROS parameter as `-p` takes it, whatever is in its value
 #   absent NODE ...            ends with what is there where a node of one of these names is
 #   unused_domain FROM         the first ROS domain from FROM on that nobody here takes part in
+#   follow NAME                hear NAME's log from its first line on
+#   hear NAME NODE             the next that NODE has said there, into $line; 1 where there is none yet
 #   stop NAME ...              SIGTERM, then SIGKILL after 10 s; waits; 0 V comes first where
 #                              the caller names the controller and the bridge first
 # Children have sessions of their own, so that a terminal's Ctrl-C reaches the script alone and the
@@ -123,6 +125,28 @@ wait_for() {
     sleep 0.05
   done
   fail_with_log "$name was not ready within $seconds s (no '$text' in its output):" "$name"
+}
+
+# How the controller's log begins to tell that what was asked for is not driven; the gate may go on driving
+# its 0 V.
+undriven='(0 V: |stamps went back |path refused, |holding: the motion was dropped)'
+
+# Logs that are followed: where each is read, and the beginning of a line that is being written.
+declare -A log_of=() part_of=()
+follow() {
+  local log
+  exec {log}<"$log_dir/$1.log"
+  log_of[$1]=$log part_of[$1]=
+}
+
+hear() {
+  local part
+  while IFS= read -r -u "${log_of[$1]}" part || { part_of[$1]+=$part; return 1; }; do
+    line=${part_of[$1]}$part part_of[$1]=
+    [[ $line == *"[$2]: "* ]] || continue
+    line=${line#*"[$2]: "}
+    return 0
+  done
 }
 
 # wait_end NAME SECONDS: until it ends by itself; its exit code.

@@ -17,12 +17,13 @@ from hydro_model.robot_files import shipped_robots
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE_S = 120.0
-#: Rig, bridge, controller and lifecycle client in one. The bridge says what its file says.
+#: Rig, bridge, controller and lifecycle client in one. Both nodes say what their files say.
 STUB = """#!/usr/bin/env bash
 case $* in
   "absent "*) [[ $2 != "/$there" ]] || { echo "lifecycle: $2 is there" >&2; exit 1; } ;;
   configure*|activate*) echo "$*" >>"$0.asked" ;;
-  *clock:=*) echo "$ROS_DOMAIN_ID" >"$0.domain"; exec tail -n +1 -f "$0.words" ;;
+  *clock:=*) echo "$ROS_DOMAIN_ID" >"$0.domain"; exec tail -n +1 -f "$0.can_bridge" ;;
+  *robot:=*) exec tail -n +1 -f "$0.controller" ;;
   *--real-time*) echo "$*" >"$0.rig"; echo ready; exec sleep 240 ;;
   *) exec sleep 240 ;;
 esac
@@ -30,7 +31,7 @@ esac
 
 
 class Bringup:
-    """The script, what it has said so far, and what its bridge is to say."""
+    """The script, what it has said so far, and what its nodes are to say."""
 
     def __init__(self, folder: Path, arguments: list[str], environment: dict[str, str]) -> None:
         self.folder, self.said = folder, folder / "said.txt"
@@ -44,8 +45,14 @@ class Bringup:
             )
 
     def bridge(self, *words: str) -> None:
-        with (self.folder / "stub.words").open("a", encoding="utf-8") as file:
-            file.writelines(f"[INFO] [1.0] [can_bridge]: {line}\n" for line in words)
+        self._say("can_bridge", words)
+
+    def controller(self, *words: str) -> None:
+        self._say("controller", words)
+
+    def _say(self, node: str, words: tuple[str, ...]) -> None:
+        with (self.folder / f"stub.{node}").open("a", encoding="utf-8") as file:
+            file.writelines(f"[INFO] [1.0] [{node}]: {line}\n" for line in words)
 
     def until(self, text: str, count: int = 1) -> str:
         end = time.monotonic() + PATIENCE_S
@@ -71,7 +78,8 @@ def bringup(tmp_path: Path) -> Iterator[Callable[..., Bringup]]:
     stub = tmp_path / "stub"
     stub.write_text(STUB, encoding="utf-8")
     stub.chmod(0o755)
-    (tmp_path / "stub.words").touch()
+    for node in ("can_bridge", "controller"):
+        (tmp_path / f"stub.{node}").touch()
     exe = "hydro_exe() { printf '%s' \"$stub\"; }\n"
     (tmp_path / "scripts/env.sh").write_text(exe, encoding="utf-8")
     started: list[Bringup] = []
@@ -168,3 +176,60 @@ def test_a_bridge_that_does_not_come_to_drive_is_told(bringup: Callable[..., Bri
     one.bridge("inactive: reading", "waiting for a first command")
     said = one.until("Ctrl-C ends")
     assert "NOT driving xs031 yet: the bridge is waiting for a first command" in said
+
+
+LATCHED = "0 V: joint 'lift' is at 2.1 rad: latched until the controller is activated anew"
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        (LATCHED, "NOT moving xs031, valves at zero: the controller says "),
+        (
+            "stamps went back by 3.000 s, expected them to grow: activate the controller anew",
+            "NOT moving xs031, valves at zero: the controller says ",
+        ),
+        ("0 V: a sample is not finite", "NOT moving xs031 as asked: the controller says "),
+        (
+            "path refused, holding: it begins 0.4 m from the tip",
+            "NOT moving xs031 as asked: the controller says ",
+        ),
+        (
+            "holding: the motion was dropped, as joint 'lift' stands",
+            "NOT moving xs031 as asked: the controller says ",
+        ),
+    ],
+)
+def test_what_the_controller_does_not_drive_is_told_behind_a_gate_that_drives(
+    bringup: Callable[..., Bringup], said: str, told: str
+) -> None:
+    """The gate goes on driving the controller's 0 V, and says no other word."""
+    one = bringup("--sim", "--drive")
+    one.bridge("driving")
+    one.until("Ctrl-C ends")
+    one.controller("gains are high", said)
+    text = one.until(told + said)
+    again = f"{one.folder}/stub deactivate /controller, then {one.folder}/stub activate /controller"
+    if "valves at zero" in told:
+        text = one.until(f"once its cause is gone: {again}")
+    assert (again in text) == ("valves at zero" in told)
+    assert "gains are high" not in text
+    time.sleep(1.0)  # several looks later
+    assert one.said.read_text(encoding="utf-8").count(said) == 1
+
+
+def test_a_gate_that_drives_again_is_not_said_to_move_behind_a_latched_fault(
+    bringup: Callable[..., Bringup],
+) -> None:
+    """The controller says it no second time; activated anew, it is forgotten."""
+    one = bringup("--sim", "--drive")
+    one.bridge("driving")
+    one.until("Ctrl-C ends")
+    one.controller(LATCHED)
+    one.until(LATCHED)
+    one.bridge("tripped: the enable switch is off", "driving")
+    one.until(f"NOT moved, unless the controller was activated anew since: {LATCHED}")
+    one.bridge("waiting for a first command", "driving")
+    said = one.until("driving xs031 on ", 3)
+    time.sleep(0.5)
+    assert one.said.read_text(encoding="utf-8").count("NOT moved") == 1, said
