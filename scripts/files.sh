@@ -45,6 +45,21 @@ def seconds(arguments):
 sys.exit(run_command("path", seconds))' "$@"
 }
 
+# valves_at_end FILE: `enabled` or `off`, as the valves of the simulated rig were in the last cycle of its side file.
+valves_at_end() {
+  python -c 'import sys
+from pathlib import Path
+from hydro_hw_bridge.rig.truth_log import read_truth_log
+from hydro_model.command_line.command import run_command
+
+def valves(arguments):
+    enabled = read_truth_log(Path(arguments[0])).column("enabled")
+    print("enabled" if len(enabled) and enabled[-1] else "off")
+    return 0
+
+sys.exit(run_command("rig_run", valves))' "$1"
+}
+
 # check_parameters PACKAGE FILE [NAME ...]: refuse ROS parameters of a package's node that it would not
 # take from there, beside those named, which are given as options.
 check_parameters() {

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # One run on the simulated rig: rig, bridge, recorder and controller as processes, until the path
-# is played; leaves a bag and the rig's true states.
+# is played; leaves a bag and the rig's true states. Exit code 1 where the path was not driven to its end.
 #   scripts/rig_run.sh --name NAME --path PATH --out DIR [options]
 # Writes DIR/bags/*_NAME, DIR/truth/NAME.npz and DIR/logs/NAME.*.log.
 # Options:
@@ -120,10 +120,17 @@ fi
 whole=${duration%.*} # nothing in front of the point of .5; 08 is eight
 wait_end "$name.rig" $((10#${whole:-0} * 10 + 60)) || fail_with_log "the rig failed:" "$name.rig"
 running "$name.recorder" || ended "$name.recorder"
+sleep 0.3 # the controller says what it has to say within 0.1 s
 stop "$name.controller" "$name.bridge" "$name.recorder"
-# From then on the valves had 0 V: what was recorded is no run of this path. (In real time the gate
-# also trips behind the rig that has ended.)
-if [[ $clock == lockstep ]] && why=$(grep -om1 'tripped: .*' "$log_dir/$name.bridge.log"); then
-  fail_with_log "run $name is cut short, the gate $why" "$name.bridge"
+# In real time the gate also trips behind the rig that has ended: what counts is how that saw its end.
+at_end=off
+if [[ $clock == real_time ]]; then at_end=$(valves_at_end "$out/truth/$name.npz"); fi
+# What was recorded from then on is no run of this path.
+if [[ $at_end == off ]] && why=$(grep -om1 'tripped: .*' "$log_dir/$name.bridge.log"); then
+  fail_with_log "run $name is cut short, the gate $why (log $log_dir/$name.bridge.log)" "$name.bridge"
+fi
+if why=$(grep -oEm1 "\[controller\]: $undriven.*" "$log_dir/$name.controller.log"); then
+  why="${why#*: } (log $log_dir/$name.controller.log)"
+  fail_with_log "run $name did not drive its path, the controller says $why" "$name.controller"
 fi
 note "run $name: $duration s of machine time in $((SECONDS - began)) s"

@@ -8,10 +8,12 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
 from hydro_hw_bridge.rig.command import _driven_cycles, _parser
+from hydro_hw_bridge.rig.truth_log import TruthLog
 from hydro_model.motion.paths import shipped_paths
 from hydro_model.robot_files import shipped_robots
 
@@ -28,6 +30,12 @@ ARGUMENTS = {
     "new_robot": ["crane.urdf"],
     "test": [],
 }
+#: It begins further from joints at 0.6 and -1.5 rad than a controller goes there by itself.
+FAR = """\
+joints: [lift, tilt]
+start: [0.0, -0.9]
+segments: [{kind: move, to: [0.05, -0.85], duration_s: 1.5}]
+"""
 #: Rig, bridge, recorder, controller and lifecycle client in one, which do nothing.
 STUB = """#!/usr/bin/env bash
 case $* in
@@ -36,7 +44,7 @@ case $* in
   *--force) printf '%s\n' o/bus/own.dbc o/bus/own.mapping.yaml ;;
   *clock:=*) printf '%s\n' "$@" >"$0.bridge"; echo "$bridge"; exec sleep 240 ;;
   *path:=*) printf '%s\n' "$@" >"$0.controller"; echo "receiving /tip_reference"
-     echo "${controller:-}"; exec sleep 240 ;;
+     echo "${controlled:-}"; exec sleep 240 ;;
   *--truth-out*) echo "ready, told $*"; until [[ -e $0.driven ]]; do sleep 0.05; done ;;
   *) echo "receiving /joint_states, receiving /chamber_pressures, receiving /tip_reference"
      exec sleep 240 ;;
@@ -147,8 +155,56 @@ def test_a_run_whose_gate_tripped_fails_with_the_reason(tmp_path: Path) -> None:
     why = "tripped: no command for 12 ms"
     done = run_around(tmp_path, ".5", bridge=f"[ERROR] [1.0] [can_bridge]: {why}")
     assert done.returncode == 1
-    assert done.stderr.splitlines()[0] == f"run n is cut short, the gate {why}"
+    log = tmp_path / "o/logs/n.bridge.log"
+    assert done.stderr.splitlines()[0] == f"run n is cut short, the gate {why} (log {log})"
     assert "s of machine time" not in done.stderr
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_in_real_time_it_fails_where_the_rig_saw_it(enabled: bool, tmp_path: Path) -> None:
+    """Behind a rig that has ended every gate trips."""
+    (tmp_path / "o/truth").mkdir(parents=True)
+    with TruthLog(tmp_path / "o/truth/n.npz", ("time_s", "enabled"), {}) as truth:
+        for row in ((0.0, 0.0), (0.002, 1.0), (0.004, float(enabled))):
+            truth.append(np.array(row))
+    why = "tripped: no whole cycle for 12 ms"
+    said = f"[ERROR] [1.0] [can_bridge]: {why}"
+    done = run_around(tmp_path, ".5", "--real-time", bridge=said)
+    assert done.returncode == (0 if enabled else 1), done.stderr
+    assert (f"run n is cut short, the gate {why}" in done.stderr) != enabled
+
+
+@pytest.mark.parametrize(
+    "why",
+    [
+        "path refused, holding: it begins 0.4 m from the tip",
+        "holding: the motion was dropped, as joint 'lift' stands",
+        "0 V: a sample is not finite",
+        "stamps went back by 3.000 s, expected them to grow",
+    ],
+)
+def test_a_run_whose_controller_drives_no_path_fails_with_the_reason(
+    why: str, tmp_path: Path
+) -> None:
+    done = run_around(tmp_path, ".5", controlled=f"[WARN] [1.0] [controller]: {why}")
+    assert done.returncode == 1
+    said = f"run n did not drive its path, the controller says {why}"
+    log = tmp_path / "o/logs/n.controller.log"
+    assert done.stderr.splitlines()[0] == f"{said} (log {log})"
+    assert "s of machine time" not in done.stderr
+
+
+@pytest.mark.ros
+def test_a_path_that_begins_far_from_the_joints_is_no_run(tmp_path: Path) -> None:
+    path = tmp_path / "far.yaml"
+    path.write_text(FAR, encoding="utf-8")
+    arguments = ["--name", "n", "--out", "o", "--path", str(path), "--joints", "0.6 -1.5"]
+    done = run(ROOT / "scripts/rig_run.sh", *arguments, cwd=tmp_path)
+    assert done.returncode == 1, done.stderr
+    [said] = [line for line in done.stderr.splitlines() if line.startswith("run n ")]
+    assert said.startswith("run n did not drive its path, the controller says path refused, ")
+    # What there is of it can be looked at all the same.
+    assert len(list((tmp_path / "o/bags").glob("*_n/*.mcap"))) == 1
 
 
 def test_nor_does_one_written_without_its_0_fail(tmp_path: Path) -> None:
