@@ -36,18 +36,20 @@ out=$(realpath "$out")
 source "$here/env.sh"
 # shellcheck source=scripts/files.sh
 source "$here/files.sh"
+# shellcheck source=scripts/parent.sh
+source "$here/parent.sh"
 parallelogram=xs031/parallelogram
 paper_gains=$(shipped_gains paper_table3)
 
 # drive NAME ROBOT PATH [option]: one run of rig, bridge, recorder and controller as processes.
 drive() {
-  "$here/rig_run.sh" --name "$1" --robot "$2" --path "$3" --out "$out" --seed "$seed" \
+  "${with_parent[@]}" "$here/rig_run.sh" --name "$1" --robot "$2" --path "$3" --out "$out" --seed "$seed" \
     ${clock:+"$clock"} "${@:4}"
 }
 
 bag_of() { printf '%s\n' "$out"/bags/*_"$1"; }
 
-hydro() { "$(hydro_exe hydro_ident "$1")" "${@:2}"; }
+hydro() { "${with_parent[@]}" "$(hydro_exe hydro_ident "$1")" "${@:2}"; }
 
 hydro excite --robot xs031 --out "$out/experiment" --start-tip 2.0 0.0 -1.2
 drive excitation xs031 "$out/experiment/excitation.yaml"

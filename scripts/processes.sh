@@ -20,9 +20,9 @@ process_order=()
 lifecycle=$(hydro_exe hydro_control lifecycle)
 log_dir=${log_dir:-$(mktemp -d -t hydro-logs.XXXXXX)}
 
-# A script that is killed can stop nobody: its children are told by the kernel, and end with 0 V.
-with_parent=(setpriv --pdeathsig TERM)
-"${with_parent[@]}" true 2>/dev/null || with_parent=()
+# Of a script that is killed the children end with 0 V.
+# shellcheck source=scripts/parent.sh
+source "$(CDPATH='' cd -- "$(dirname "${BASH_SOURCE[0]}")" && pwd)/parent.sh"
 
 note() { printf '%s\n' "$*" >&2; }
 

@@ -26,10 +26,23 @@ wait_for controller up
 echo "${process_of[controller]} ${process_of[bridge]}" >"$log_dir/pids.txt"
 transition controller controller activate
 """
+#: A run of the demo that goes on until it is asked to end.
+RUN = """#!/usr/bin/env bash
+trap 'echo 0 >"$folder/zero.txt"; exit 143' TERM
+echo $$ >"$folder/run.txt"
+while :; do sleep 0.05; done
+"""
 STUB = """#!/usr/bin/env bash
 echo $$ >"$log_dir/client.txt"
 exec sleep 300
 """
+
+needs_setpriv = pytest.mark.skipif(
+    subprocess.run(["setpriv", "--pdeathsig", "TERM", "true"], check=False).returncode != 0
+    if shutil.which("setpriv")
+    else True,
+    reason="no setpriv of util-linux that has --pdeathsig",
+)
 
 
 def _there(pid: int) -> bool:
@@ -38,6 +51,12 @@ def _there(pid: int) -> bool:
     except ProcessLookupError:
         return False
     return "Z" not in Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").split()[2]
+
+
+def _default_signals() -> None:
+    """In the child: a shell neither traps nor resets a signal that was ignored at its start."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
 
 
 def _wait_for(file: Path) -> list[int]:
@@ -70,12 +89,7 @@ def test_a_script_that_is_asked_to_end_twice_leaves_nobody_behind(
         script.kill()
 
 
-@pytest.mark.skipif(
-    subprocess.run(["setpriv", "--pdeathsig", "TERM", "true"], check=False).returncode != 0
-    if shutil.which("setpriv")
-    else True,
-    reason="no setpriv of util-linux that has --pdeathsig",
-)
+@needs_setpriv
 def test_a_script_that_is_killed_leaves_nobody_driving(tmp_path: Path) -> None:
     """They are told to end, as by itself, and have the time for it that they need."""
     ending = 'trap "sleep 0.5; echo 0 V; exit 0" TERM; echo up; while :; do sleep 0.05; done'
@@ -102,6 +116,33 @@ while running bridge; do sleep 0.2; done
     finally:
         with suppress(ProcessLookupError):
             os.kill(bridge, signal.SIGKILL)
+
+
+@needs_setpriv
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+def test_a_demo_that_is_ended_leaves_no_run_behind(number: signal.Signals, tmp_path: Path) -> None:
+    """The shell ends at once, without a word to what it waits for; its runs end as by themselves."""
+    shutil.copytree(SCRIPTS, tmp_path / "scripts")
+    (tmp_path / "scripts/env.sh").write_text("hydro_exe() { printf true; }\n", encoding="utf-8")
+    (tmp_path / "scripts/rig_run.sh").write_text(RUN, encoding="utf-8")
+    demo = subprocess.Popen(
+        ["bash", str(tmp_path / "scripts/demo.sh"), "--out", "out"],
+        cwd=tmp_path,
+        env={**os.environ, "folder": str(tmp_path)},
+        preexec_fn=_default_signals,
+    )
+    (run,) = _wait_for(tmp_path / "run.txt")
+    try:
+        demo.send_signal(number)
+        assert demo.wait(PATIENCE_S) == -number
+        assert _wait_for(tmp_path / "zero.txt") == [0]
+        end = time.monotonic() + PATIENCE_S
+        while _there(run):
+            assert time.monotonic() < end
+            time.sleep(0.05)
+    finally:
+        with suppress(ProcessLookupError):
+            os.kill(run, signal.SIGKILL)
 
 
 def test_a_domain_in_which_somebody_takes_part_is_not_taken() -> None:
