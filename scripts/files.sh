@@ -45,7 +45,8 @@ def seconds(arguments):
 sys.exit(run_command("path", seconds))' "$@"
 }
 
-# valves_at_end FILE: `enabled` or `off`, as the valves of the simulated rig were in the last cycle of its side file.
+# valves_at_end FILE: `enabled` or `off`, as the simulated rig's valves were in the last cycle of its side
+# file.
 valves_at_end() {
   python -c 'import sys
 from pathlib import Path

@@ -209,7 +209,8 @@ def test_what_the_controller_does_not_drive_is_told_behind_a_gate_that_drives(
     one.until("Ctrl-C ends")
     one.controller("gains are high", said)
     text = one.until(told + said)
-    again = f"{one.folder}/stub deactivate /controller, then {one.folder}/stub activate /controller"
+    stub = f"{one.folder}/stub"
+    again = f"{stub} deactivate /controller, then {stub} activate /controller"
     if "valves at zero" in told:
         text = one.until(f"once its cause is gone: {again}")
     assert (again in text) == ("valves at zero" in told)

@@ -121,7 +121,7 @@ while running bridge; do sleep 0.2; done
 @needs_setpriv
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
 def test_a_demo_that_is_ended_leaves_no_run_behind(number: signal.Signals, tmp_path: Path) -> None:
-    """The shell ends at once, without a word to what it waits for; its runs end as by themselves."""
+    """The shell ends at once, without a word to what it waits for."""
     shutil.copytree(SCRIPTS, tmp_path / "scripts")
     (tmp_path / "scripts/env.sh").write_text("hydro_exe() { printf true; }\n", encoding="utf-8")
     (tmp_path / "scripts/rig_run.sh").write_text(RUN, encoding="utf-8")
