@@ -189,13 +189,8 @@ LATCHED = "0 V: joint 'lift' is at 2.1 rad: latched until the controller is acti
             "stamps went back by 3.000 s, expected them to grow: activate the controller anew",
             "NOT moving xs031, valves at zero: the controller says ",
         ),
-        ("0 V: a sample is not finite", "NOT moving xs031 as asked: the controller says "),
         (
             "path refused, holding: it begins 0.4 m from the tip",
-            "NOT moving xs031 as asked: the controller says ",
-        ),
-        (
-            "holding: the motion was dropped, as joint 'lift' stands",
             "NOT moving xs031 as asked: the controller says ",
         ),
     ],

@@ -194,6 +194,7 @@ def test_a_run_whose_controller_drives_no_path_fails_with_the_reason(
     assert "s of machine time" not in done.stderr
 
 
+@pytest.mark.thorough
 @pytest.mark.ros
 def test_a_path_that_begins_far_from_the_joints_is_no_run(tmp_path: Path) -> None:
     path = tmp_path / "far.yaml"
